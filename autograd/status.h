@@ -31,9 +31,9 @@ typedef struct lf_error {
 } lf_error;
 
 #if defined(__GNUC__)
-#define LF_PRINTF(format, first) __attribute__((format(printf, format, first)))
+#define LF_PRINTF(text, first) __attribute__((format(printf, text, first)))
 #else
-#define LF_PRINTF(format, first)
+#define LF_PRINTF(text, first)
 #endif
 
 /* Write the message into *err (which may be NULL) and return `status`. */
