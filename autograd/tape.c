@@ -1,0 +1,258 @@
+/* tape.c: the arena, its tensors, the list of nodes and the walk back.
+ *
+ * The arena is one block; what does not fit goes to overflow blocks, and the next reset joins all
+ * of them into one, so that a tape reaches its final size once and then never allocates.
+ */
+#include <stdalign.h>
+#include "autograd/autograd.h"
+
+enum { ALIGNMENT = 64, FIRST_BLOCK = 1 << 20, FIRST_NODES = 256 };
+
+typedef struct block {
+    struct block *next;
+    size_t size;
+    alignas(ALIGNMENT) char data[];
+} block;
+
+struct lf_tape {
+    block *blocks; /* the newest first */
+    size_t used;   /* bytes of the newest block */
+    size_t older;  /* bytes of all older blocks */
+    size_t peak;
+    lf_node *nodes;
+    long node_count, node_room;
+    bool grad, check;
+    lf_real *lane;
+    long lane_first;
+    char nonfinite[64];
+};
+
+static block *block_create(size_t size)
+{
+    block *b = aligned_alloc(ALIGNMENT, sizeof(block) + size);
+    LF_REQUIRE(b, "out of memory: %zu bytes for a tape", size);
+    b->next = NULL;
+    b->size = size;
+    return b;
+}
+
+lf_tape *lf_tape_create(void)
+{
+    lf_tape *tape = calloc(1, sizeof *tape);
+    LF_REQUIRE(tape, "out of memory for a tape");
+    tape->grad = true;
+    return tape;
+}
+
+static void free_blocks(lf_tape *tape)
+{
+    while (tape->blocks) {
+        block *next = tape->blocks->next;
+        free(tape->blocks);
+        tape->blocks = next;
+    }
+    tape->used = tape->older = 0;
+}
+
+void lf_tape_free(lf_tape *tape)
+{
+    if (!tape)
+        return;
+    free_blocks(tape);
+    free(tape->nodes);
+    free(tape);
+}
+
+void lf_tape_reset(lf_tape *tape)
+{
+    if (tape->blocks && tape->blocks->next) {
+        const size_t total = tape->older + tape->blocks->size;
+        free_blocks(tape);
+        tape->blocks = block_create(total);
+    }
+    tape->used = tape->older = 0;
+    tape->node_count = 0;
+    tape->nonfinite[0] = 0;
+}
+
+void lf_tape_set_grad(lf_tape *tape, bool on)
+{
+    tape->grad = on;
+}
+
+bool lf_tape_grad(const lf_tape *tape)
+{
+    return tape->grad;
+}
+
+void lf_tape_set_check(lf_tape *tape, bool on)
+{
+    tape->check = on;
+}
+
+const char *lf_tape_nonfinite(const lf_tape *tape)
+{
+    return tape->nonfinite[0] ? tape->nonfinite : NULL;
+}
+
+void lf_tape_set_lane(lf_tape *tape, lf_real *lane, long first)
+{
+    tape->lane = lane;
+    tape->lane_first = first;
+}
+
+size_t lf_tape_bytes(const lf_tape *tape)
+{
+    return tape->older + tape->used;
+}
+
+size_t lf_tape_peak(const lf_tape *tape)
+{
+    return tape->peak;
+}
+
+void *lf_alloc(lf_tape *tape, size_t bytes)
+{
+    bytes = (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    if (!tape->blocks || bytes > tape->blocks->size - tape->used) {
+        const size_t grown = tape->blocks ? 2 * tape->blocks->size : FIRST_BLOCK;
+        block *b = block_create(grown > bytes ? grown : bytes);
+        b->next = tape->blocks;
+        tape->older += tape->blocks ? tape->blocks->size : 0;
+        tape->blocks = b;
+        tape->used = 0;
+    }
+    void *p = tape->blocks->data + tape->used;
+    tape->used += bytes;
+    if (lf_tape_bytes(tape) > tape->peak)
+        tape->peak = lf_tape_bytes(tape);
+    return p;
+}
+
+lf_real *lf_alloc_reals(lf_tape *tape, long n)
+{
+    LF_REQUIRE(n >= 0, "%ld numbers asked of a tape", n);
+    return lf_alloc(tape, (size_t)n * sizeof(lf_real));
+}
+
+static lf_tensor *shape_only(lf_tape *tape, int rank, const long *dim)
+{
+    LF_REQUIRE(rank >= 0 && rank <= LF_MAX_RANK, "rank %d", rank);
+    lf_tensor *t = lf_alloc(tape, sizeof *t);
+    *t = (lf_tensor){.rank = rank, .size = 1};
+    for (int i = 0; i < rank; i++) {
+        LF_REQUIRE(dim[i] >= 0, "axis %d of a tensor has length %ld", i, dim[i]);
+        t->dim[i] = dim[i];
+        t->size *= dim[i];
+    }
+    return t;
+}
+
+lf_tensor *lf_tensor_new(lf_tape *tape, int rank, const long *dim)
+{
+    lf_tensor *t = shape_only(tape, rank, dim);
+    t->value = lf_alloc_reals(tape, t->size);
+    return t;
+}
+
+lf_tensor *lf_tensor_like(lf_tape *tape, const lf_tensor *shape)
+{
+    return lf_tensor_new(tape, shape->rank, shape->dim);
+}
+
+lf_tensor *lf_tensor_cols(lf_tape *tape, const lf_tensor *x, long cols)
+{
+    LF_REQUIRE(x->rank >= 1, "a tensor of rank 0 has no last axis");
+    long dim[LF_MAX_RANK];
+    for (int i = 0; i < x->rank; i++)
+        dim[i] = x->dim[i];
+    dim[x->rank - 1] = cols;
+    return lf_tensor_new(tape, x->rank, dim);
+}
+
+lf_tensor *lf_leaf(lf_tape *tape, int rank, const long *dim, lf_real *value, lf_real *grad)
+{
+    lf_tensor *t = shape_only(tape, rank, dim);
+    t->value = value;
+    t->grad = tape->grad ? grad : NULL;
+    return t;
+}
+
+lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p)
+{
+    lf_real *grad = NULL;
+    if (p->trainable)
+        grad = tape->lane ? tape->lane + (p->offset - tape->lane_first) : lf_grads(p);
+    return lf_leaf(tape, p->rank, p->dim, lf_values(p), grad);
+}
+
+static bool finite(const lf_real *x, long n)
+{
+    lf_real sum = 0; /* 0 * x is NaN exactly for NaN and infinities */
+    for (long i = 0; i < n; i++)
+        sum += 0 * x[i];
+    return sum == 0;
+}
+
+static void note_nonfinite(lf_tape *tape, const char *direction, const char *op)
+{
+    if (!tape->nonfinite[0])
+        snprintf(tape->nonfinite, sizeof tape->nonfinite, "%s of %s", direction, op);
+}
+
+static void push(lf_tape *tape, const lf_node *node)
+{
+    if (tape->node_count == tape->node_room) {
+        tape->node_room = tape->node_room ? 2 * tape->node_room : FIRST_NODES;
+        tape->nodes = realloc(tape->nodes, (size_t)tape->node_room * sizeof *tape->nodes);
+        LF_REQUIRE(tape->nodes, "out of memory for %ld nodes", tape->node_room);
+    }
+    tape->nodes[tape->node_count++] = *node;
+}
+
+void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *saved, int n_in,
+               lf_tensor *const *in, int n_out, lf_tensor *const *out)
+{
+    LF_REQUIRE(n_in <= LF_MAX_IN && n_out <= LF_MAX_OUT, "%s: %d inputs, %d outputs", op, n_in,
+               n_out);
+    lf_node node = {op, backward, tape, saved, n_in, n_out, {NULL}, {NULL}};
+    bool wanted = false;
+    for (int i = 0; i < n_in; i++) {
+        node.in[i] = in[i];
+        wanted = wanted || (in[i] && in[i]->grad);
+    }
+    for (int i = 0; i < n_out; i++) {
+        node.out[i] = out[i];
+        if (tape->check && !finite(out[i]->value, out[i]->size))
+            note_nonfinite(tape, "forward", op);
+        if (wanted && tape->grad && !out[i]->grad) {
+            out[i]->grad = lf_alloc_reals(tape, out[i]->size);
+            memset(out[i]->grad, 0, (size_t)out[i]->size * sizeof(lf_real));
+        }
+    }
+    if (wanted && tape->grad)
+        push(tape, &node);
+}
+
+void lf_backward_from(lf_tape *tape)
+{
+    for (long n = tape->node_count - 1; n >= 0; n--) {
+        const lf_node *node = &tape->nodes[n];
+        node->backward(node);
+        if (!tape->check)
+            continue;
+        for (int i = 0; i < node->n_in; i++)
+            if (node->in[i] && node->in[i]->grad &&
+                !finite(node->in[i]->grad, node->in[i]->size))
+                note_nonfinite(tape, "backward", node->op);
+    }
+}
+
+void lf_backward(lf_tape *tape, lf_tensor *loss, lf_real seed)
+{
+    LF_REQUIRE(loss->size == 1, "lf_backward: the loss has %ld elements, needs 1", loss->size);
+    if (!loss->grad)
+        return;
+    loss->grad[0] += seed;
+    lf_backward_from(tape);
+}
