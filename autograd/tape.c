@@ -186,7 +186,7 @@ lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p)
     return lf_leaf(tape, p->rank, p->dim, lf_values(p), grad);
 }
 
-static bool finite(const lf_real *x, long n)
+static bool all_finite(const lf_real *x, long n)
 {
     lf_real sum = 0; /* 0 * x is NaN exactly for NaN and infinities */
     for (long i = 0; i < n; i++)
@@ -223,7 +223,7 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
     }
     for (int i = 0; i < n_out; i++) {
         node.out[i] = out[i];
-        if (tape->check && !finite(out[i]->value, out[i]->size))
+        if (tape->check && !all_finite(out[i]->value, out[i]->size))
             note_nonfinite(tape, "forward", op);
         if (wanted && tape->grad && !out[i]->grad) {
             out[i]->grad = lf_alloc_reals(tape, out[i]->size);
@@ -243,7 +243,7 @@ void lf_backward_from(lf_tape *tape)
             continue;
         for (int i = 0; i < node->n_in; i++)
             if (node->in[i] && node->in[i]->grad &&
-                !finite(node->in[i]->grad, node->in[i]->size))
+                !all_finite(node->in[i]->grad, node->in[i]->size))
                 note_nonfinite(tape, "backward", node->op);
     }
 }

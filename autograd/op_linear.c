@@ -1,0 +1,45 @@
+/* op_linear.c: y = act(x w + b).
+ *
+ *   backward   dz = dy (or dy where y > 0 for ReLU),  dx += dz w^T,  dw += x^T dz,  db += sum dz
+ *
+ * Shapes     x [.., in], w [in, out], b [out] or NULL, y [.., out].
+ * Keeps      x and y.
+ */
+#include "autograd/ops.h"
+
+/* The gradient behind the activation: dy itself, or a masked copy in the arena. */
+static const lf_real *behind_activation(const lf_node *node)
+{
+    const lf_tensor *y = node->out[0];
+    if (*(const lf_activation *)node->saved == LF_IDENTITY)
+        return y->grad;
+    lf_real *dz = lf_alloc_reals(node->tape, y->size);
+    for (long i = 0; i < y->size; i++)
+        dz[i] = y->value[i] > 0 ? y->grad[i] : 0;
+    return dz;
+}
+
+static void backward(const lf_node *node)
+{
+    const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
+    const long rows = lf_rows(x), in = w->dim[0], out = w->dim[1];
+    const lf_real *dz = behind_activation(node);
+    if (x->grad)
+        lf_kernel_linear_dx(rows, in, out, dz, w->value, x->grad);
+    if (w->grad)
+        lf_kernel_linear_dw(rows, in, out, x->value, dz, w->grad, b ? b->grad : NULL);
+}
+
+lf_tensor *lf_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lf_activation act)
+{
+    LF_REQUIRE(w->rank == 2 && lf_cols(x) == w->dim[0] && (!b || b->size == w->dim[1]),
+               "lf_linear: x [.., %ld], w [%ld, %ld], b [%ld]", lf_cols(x), w->dim[0], w->dim[1],
+               b ? b->size : -1);
+    lf_tensor *y = lf_tensor_cols(tape, x, w->dim[1]);
+    lf_kernel_linear(lf_rows(x), w->dim[0], w->dim[1], x->value, w->value, b ? b->value : NULL, act,
+                     y->value);
+    lf_activation *saved = lf_alloc(tape, sizeof *saved);
+    *saved = act;
+    lf_record(tape, "linear", backward, saved, LF_IN(x, w, b), LF_OUT(y));
+    return y;
+}
