@@ -37,7 +37,8 @@ typedef struct lf_mesh {
 typedef struct lf_mesh_report {
     /* lf_mesh_read */
     long polygons;        /* faces of more than three corners, cut into a fan */
-    long zero_area;       /* triangles of no area (kept) */
+    long zero_area;       /* faces of no area; those with fewer than three different corners are
+                             dropped in OBJ and STL files, the others kept */
     long duplicates;      /* triangles with the same three vertices as an earlier one (kept) */
     long unused_vertices; /* vertices that no face uses (kept) */
     long missing_colours; /* faces whose material has no Kd in any .mtl file: grey */
@@ -60,13 +61,13 @@ void lf_mesh_free(lf_mesh *mesh);
 
 /* Read an OBJ (with the Kd colours of its .mtl files, a usemtl group each), PLY (text or binary),
  * OFF or STL file; the ending of the name says which. Polygons become fans, counted. STL has no
- * shared vertices: equal positions are merged. `report` may be NULL.
- * LF_BAD_INPUT: no such file, unknown ending, no vertex or face, a coordinate that is not finite
- * or beyond LF_MESH_COORDINATE_MAX, a face with an index outside the vertices or with fewer than
- * three corners, a file that ends early. */
+ * shared vertices: equal positions are merged. OpenMesh reads positions with 32 bits. `report` may
+ * be NULL. LF_BAD_INPUT: no such file, unknown ending, no vertex or face, a coordinate that is not
+ * finite or beyond LF_MESH_COORDINATE_MAX, a face with an index outside the vertices or with fewer
+ * than three corners, a file that ends early. */
 lf_status lf_mesh_read(const char *path, lf_mesh **out, lf_mesh_report *report, lf_error *err);
 
-/* Write binary PLY (double positions, 8-bit colours a face). A temporary file is renamed over
+/* Write binary PLY (32-bit positions, 8-bit colours a face). A temporary file is renamed over
  * `path`, so that no reader sees half a mesh. A manifold mesh goes through OpenMesh's half-edge
  * mesh; a soup that it cannot hold is written by elf's own writer. LF_FAILED if the disk refuses.
  */
@@ -100,6 +101,9 @@ void lf_mesh_closed_check(const lf_mesh *mesh, lf_mesh_report *report);
 /* Winding number of the faces [first, first + count) around p: 1 inside a closed outward part, 0
  * outside, between for open meshes (sum of solid angles / 4 pi, van Oosterom and Strackee 1983). */
 double lf_mesh_winding(const lf_mesh *mesh, long first, long count, const double p[3]);
+
+/* Merge vertices of exactly equal positions; faces stay, unused vertices go. */
+void lf_mesh_weld(lf_mesh *mesh);
 
 /* Append the vertices and faces of `more` to `mesh`. */
 void lf_mesh_append(lf_mesh *mesh, const lf_mesh *more);
