@@ -1,0 +1,100 @@
+/* check.c: keys that must fit each other, and values worth a warning. */
+#include "configs/configs.h"
+
+/* How many pixels of the view lie between two pixels of the last map. */
+static long total_stride(const lf_config *cfg)
+{
+    int stages;
+    lf_config_ints(cfg, "model.stages", &stages);
+    const long stem = lf_config_bool(cfg, "model.stem_pool") ? 4 : 2;
+    return (stem * lf_config_int(cfg, "model.first_stride")) << (stages - 1);
+}
+
+static lf_status check_backbone(const lf_config *cfg, lf_error *err)
+{
+    int stages, fields;
+    lf_config_ints(cfg, "model.stages", &stages);
+    lf_config_ints(cfg, "model.fields", &fields);
+    if (stages != fields)
+        return lf_fail(
+            err, LF_BAD_INPUT,
+            "model.stages has %d numbers and model.fields %d: give both a number a stage", stages,
+            fields);
+    if (lf_config_int(cfg, "model.stem_size") % 2 == 0)
+        return lf_fail(err, LF_BAD_INPUT, "model.stem_size = %ld: allowed is an odd number",
+                       lf_config_int(cfg, "model.stem_size"));
+    const long size = lf_config_int(cfg, "data.image_size"), stride = total_stride(cfg);
+    if (size - 1 < stride)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "data.image_size = %ld: the strides of this backbone multiply to %ld, so "
+                       "allowed is %ld or more",
+                       size, stride, stride + 1);
+    return LF_OK;
+}
+
+static lf_status check_head(const lf_config *cfg, const char *key, lf_error *err)
+{
+    const long channels = lf_config_int(cfg, key), heads = lf_config_int(cfg, "model.heads");
+    if (channels % heads)
+        return lf_fail(err, LF_BAD_INPUT, "%s = %ld: allowed is a multiple of model.heads = %ld",
+                       key, channels, heads);
+    return LF_OK;
+}
+
+static lf_status check_data(const lf_config *cfg, lf_error *err)
+{
+    const char *category = lf_config_string(cfg, "data.category");
+    const bool builtin = !strcmp(lf_config_string(cfg, "data.root"), "builtin");
+    const bool family =
+        !strcmp(category, "chair") || !strcmp(category, "airplane") || !strcmp(category, "car");
+    if (!family && (builtin || lf_config_int(cfg, "data.extra_builtin") > 0))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "data.category = %s: built-in shapes (%s) are chair, airplane and car",
+                       category, builtin ? "data.root = builtin" : "data.extra_builtin");
+    const double thickness = lf_config_real(cfg, "data.thickness");
+    if (thickness < 0 && thickness != -1)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "data.thickness = %g: allowed is -1 or a number from 0 to 0.1", thickness);
+    return LF_OK;
+}
+
+lf_status lf_config_check(const lf_config *cfg, lf_error *err)
+{
+    LF_TRY(check_backbone(cfg, err));
+    LF_TRY(check_head(cfg, "model.scalars", err));
+    LF_TRY(check_head(cfg, "model.vectors", err));
+    LF_TRY(check_data(cfg, err));
+    const long fine = lf_config_int(cfg, "eval.resolution"),
+               coarse = lf_config_int(cfg, "eval.coarse");
+    if (fine % coarse)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "eval.coarse = %ld: allowed is a divisor of eval.resolution = %ld", coarse,
+                       fine);
+    return LF_OK;
+}
+
+int lf_config_warn(const lf_config *cfg, FILE *out)
+{
+    int warnings = 0;
+    const long size = lf_config_int(cfg, "data.image_size"), stride = total_stride(cfg);
+    if ((size - 1) % stride) {
+        fprintf(out,
+                "data.image_size = %ld: only sizes %ld k + 1 keep every map symmetric; quarter "
+                "turns of the views will not be exact\n",
+                size, stride);
+        warnings++;
+    }
+    const long warmup = lf_config_int(cfg, "train.warmup"),
+               steps = lf_config_int(cfg, "train.steps");
+    if (warmup >= steps && steps > 0) {
+        fprintf(out, "train.warmup = %ld: the learning rate still rises at the last step, %ld\n",
+                warmup, steps);
+        warnings++;
+    }
+    if (lf_config_is(cfg, "data.light", "head")) {
+        fprintf(out, "data.light = head: the faces of a box are equally bright from the cube's "
+                     "corners, so its edges vanish\n");
+        warnings++;
+    }
+    return warnings;
+}

@@ -1,0 +1,198 @@
+/* schema.c: every key of every config: type, default, range or choices, help. To add a key, add a
+ * row to its section; files, overrides, help and checkpoints follow. */
+#include "configs/schema.h"
+
+#define INT(name, standard, low, high, help)                                                       \
+    {                                                                                              \
+        name, LF_KEY_INT, standard, low, high, NULL, help                                          \
+    }
+#define REAL(name, standard, low, high, help)                                                      \
+    {                                                                                              \
+        name, LF_KEY_REAL, standard, low, high, NULL, help                                         \
+    }
+#define BOOL(name, standard, help)                                                                 \
+    {                                                                                              \
+        name, LF_KEY_BOOL, standard, 0, 0, NULL, help                                              \
+    }
+#define TEXT(name, standard, help)                                                                 \
+    {                                                                                              \
+        name, LF_KEY_TEXT, standard, 0, 0, NULL, help                                              \
+    }
+#define PATH(name, standard, help)                                                                 \
+    {                                                                                              \
+        name, LF_KEY_PATH, standard, 0, 0, NULL, help                                              \
+    }
+#define CHOICE(name, standard, choices, help)                                                      \
+    {                                                                                              \
+        name, LF_KEY_CHOICE, standard, 0, 0, choices, help                                         \
+    }
+#define INTS(name, standard, low, high, help)                                                      \
+    {                                                                                              \
+        name, LF_KEY_INTS, standard, low, high, NULL, help                                         \
+    }
+
+/* clang-format off */
+const lf_key lf_schema[] = {
+    CHOICE("model.type", "equivariant", "equivariant|plain",
+           "Rays fused by the SE(3)-equivariant head, or (plain) by maximum over views and an MLP."),
+    CHOICE("model.backbone", "c8", "c8|plain",
+           "Features of the views: equivariant to eighth turns, or ordinary convolutions of equal size."),
+    INT("model.stem_fields", "4", 1, 256, "Fields (of 8 channels) after the first convolution."),
+    INT("model.stem_size", "7", 1, 15, "Pixels of the first convolution's kernel, odd."),
+    BOOL("model.stem_pool", "false", "Max-pooling 3x3 with stride 2 after the first convolution."),
+    INTS("model.stages", "1, 1, 1", 1, 64, "Residual blocks of each stage; a number a stage."),
+    INT("model.first_stride", "2", 1, 2, "Stride of the first stage; later stages have 2."),
+    INTS("model.fields", "4, 8, 16", 1, 256, "Fields (of 8 channels) of each stage; a number a stage."),
+    CHOICE("model.block", "basic", "basic|bottleneck", "Kind of residual block."),
+    CHOICE("model.cutoff", "e2cnn", "e2cnn|redet",
+           "Angular frequencies kept in a ring of the kernel basis; redet keeps more."),
+    CHOICE("model.norm", "batch", "batch|instance", "Normalisation in the backbone, for each field."),
+    REAL("model.norm_momentum", "0.02", 0, 1, "Weight of the newest batch in the running statistics."),
+    INT("model.features", "8", 1, 256, "Scalar channels taken from the stem's and each stage's map."),
+    BOOL("model.stem_features", "true", "Take features from the stem's map as well as from the stages'."),
+    BOOL("model.sample_image", "true", "Sample the picture itself as a further map."),
+    INT("model.depth_octaves", "0", 0, 16, "Octaves of the depth's sine and cosine code; 0: none."),
+    INT("model.scalars", "16", 1, 256, "Scalar channels of the head."),
+    INT("model.vectors", "8", 1, 256, "Vector channels of the head."),
+    INT("model.blocks", "2", 0, 16, "Attention blocks of the head."),
+    INT("model.heads", "4", 1, 64, "Attention heads; they divide scalars and vectors."),
+    BOOL("model.degree2", "false", "The degree-2 path from vectors to vectors in the SE(3) kernels."),
+    CHOICE("model.nonlinearity", "norm", "norm|gated", "Nonlinearity of vectors in the head."),
+    CHOICE("model.skip", "identity", "identity|linear", "The residual path around attention."),
+    INTS("model.mlp", "64, 64", 1, 4096, "Widths of the hidden layers of the last MLP."),
+
+    PATH("data.root", "builtin",
+         "Folder of the categories, or the word builtin for procedural shapes."),
+    TEXT("data.category", "chair", "Folder below the root; built-in shapes are chair, airplane and car."),
+    CHOICE("data.setting", "I", "I|Z|R|Y|SO3",
+           "How views are turned: not; each rolled; look-at points moved and rolled; object about y; object freely."),
+    INT("data.image_size", "65", 3, 4097, "Pixels along an edge of a view; 32 k + 1 keeps quarter turns exact."),
+    CHOICE("data.channels", "shade-mask", "shade-mask|colour",
+           "Channels of a view: shade and mask, or red, green, blue and mask."),
+    INT("data.supersample", "3", 1, 16, "Rays along an edge of a pixel, averaged."),
+    CHOICE("data.light", "world", "world|head",
+           "Light fixed in the world, or at the camera (hides the edges of boxes)."),
+    INT("data.shapes", "400", 1, 1000000, "Built-in shapes to train on."),
+    INT("data.val_shapes", "12", 0, 100000, "Most shapes to validate on; 0: no validation."),
+    INT("data.test_shapes", "40", 1, 100000, "Built-in shapes to test on."),
+    INT("data.extra_builtin", "0", 0, 1000000, "Built-in shapes added to the training shapes of a real category."),
+    INT("data.real_repeat", "6", 1, 1000, "How often an epoch draws a real shape where built-in ones are added."),
+    INT("data.points_uniform", "6000", 1, 10000000, "Points in the cube stored for a shape."),
+    INT("data.points_near", "6000", 1, 10000000, "Points near the surface stored for a shape."),
+    REAL("data.thickness", "-1", -1, 0.1,
+         "Taken off the distances, so that open sheets have an inside; -1: 0.004 for files, 0 for built-in shapes."),
+    CHOICE("data.sign", "auto", "auto|escape|winding",
+           "Inside or outside: by rays that escape, by winding number, or chosen by the mesh."),
+    INT("data.cache_mb", "2000", 1, 1000000, "Most memory for stored views and points, in MB."),
+
+    REAL("loss.clamp", "0.1", 1e-6, 10, "Distances are clamped to plus or minus this, on both sides."),
+    REAL("loss.near", "0.01", -10, 10, "Points with a distance up to this get the weight near_weight."),
+    REAL("loss.near_weight", "4", 0, 1000, "Weight of points near or inside the surface; others have 1."),
+    REAL("loss.scale", "10", 1e-3, 1e6, "The network predicts the distance times this."),
+
+    INT("train.steps", "4000", 0, 1000000000, "Steps of the whole training."),
+    INT("train.shapes_per_step", "2", 1, 1024, "Shapes of a step."),
+    INT("train.points_per_shape", "256", 1, 1000000, "Query points of each shape of a step."),
+    REAL("train.near_fraction", "0.5", 0, 1, "Share of query points near the surface; others fill the cube."),
+    REAL("train.lr", "5e-3", 0, 10, "Learning rate after the warm-up."),
+    CHOICE("train.schedule", "cosine", "constant|cosine|step", "How the learning rate falls after the warm-up."),
+    INT("train.warmup", "100", 0, 1000000000, "Steps over which the learning rate rises from 0."),
+    REAL("train.final_lr", "0.01", 0, 1, "cosine: learning rate at the last step, as a share of lr."),
+    INT("train.decay_every", "1000", 1, 1000000000, "step: steps between two decays."),
+    REAL("train.decay_factor", "0.5", 0, 1, "step: factor of the learning rate at each decay."),
+    CHOICE("train.optimizer", "adam", "adam|adamw", "adamw decays weights apart from the gradient."),
+    REAL("train.beta1", "0.9", 0, 0.999999, "Memory of the gradient's mean."),
+    REAL("train.beta2", "0.999", 0, 0.99999999, "Memory of the gradient's square."),
+    REAL("train.eps", "1e-8", 1e-30, 1, "Added to the root of the gradient's square."),
+    REAL("train.weight_decay", "0", 0, 10, "Decay of the weights in a step, times lr."),
+    REAL("train.clip", "0", 0, 1e9, "Largest norm of the whole gradient; 0: no clipping."),
+    INT("train.seed", "0", 0, 2147483647, "Names all random numbers of the run."),
+    INT("train.checkpoint_every", "500", 1, 1000000000, "Steps between two checkpoints; the last step has one too."),
+    INT("train.keep", "3", 1, 100000, "Newest checkpoints kept, beside the best by validation."),
+    INT("train.log_every", "50", 1, 1000000000, "Steps between two lines of metrics.jsonl."),
+    INT("train.val_every", "500", 1, 1000000000, "Steps between two validations."),
+    INT("train.tile_points", "64", 1, 65536, "Query points a worker takes at once; its memory should fit the L2 cache."),
+    INT("train.max_bad_steps", "10", 1, 1000000, "Steps in a row with a non-finite loss or gradient that stop the run."),
+
+    INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
+    INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; it divides resolution."),
+    INT("eval.iou_points", "100000", 1, 100000000, "Points of the IoU, uniform in the cube."),
+    INT("eval.chamfer_points", "100000", 1, 100000000, "Points of the Chamfer distance, on each surface."),
+};
+/* clang-format on */
+const int lf_schema_size = (int)(sizeof lf_schema / sizeof *lf_schema);
+
+int lf_schema_find(const char *name)
+{
+    for (int i = 0; i < lf_schema_size; i++)
+        if (!strcmp(lf_schema[i].name, name))
+            return i;
+    return -1;
+}
+
+static size_t section_length(const char *name)
+{
+    return strcspn(name, ".");
+}
+
+bool lf_schema_section(const char *section)
+{
+    for (int i = 0; i < lf_schema_size; i++)
+        if (section_length(lf_schema[i].name) == strlen(section) &&
+            !strncmp(lf_schema[i].name, section, strlen(section)))
+            return true;
+    return false;
+}
+
+/* Levenshtein's distance of a and b, of which the first 63 bytes count. */
+static int distance(const char *a, const char *b)
+{
+    int row[64];
+    const int na = (int)strnlen(a, 63), nb = (int)strnlen(b, 63);
+    for (int j = 0; j <= nb; j++)
+        row[j] = j;
+    for (int i = 1; i <= na; i++) {
+        int diagonal = row[0];
+        row[0] = i;
+        for (int j = 1; j <= nb; j++) {
+            const int replace = diagonal + (a[i - 1] != b[j - 1]);
+            const int insert = 1 + (row[j] < row[j - 1] ? row[j] : row[j - 1]);
+            diagonal = row[j];
+            row[j] = replace < insert ? replace : insert;
+        }
+    }
+    return row[nb];
+}
+
+/* The right key in a wrong section is one mistake. */
+static int key_distance(const char *name, const char *known)
+{
+    const char *a = strchr(name, '.'), *b = strchr(known, '.');
+    const int whole = distance(name, known);
+    const int part = 1 + distance(a ? a + 1 : name, b ? b + 1 : known);
+    return part < whole ? part : whole;
+}
+
+const char *lf_schema_nearest(const char *name)
+{
+    int best = 0;
+    for (int i = 1; i < lf_schema_size; i++)
+        if (key_distance(name, lf_schema[i].name) < key_distance(name, lf_schema[best].name))
+            best = i;
+    return lf_schema[best].name;
+}
+
+void lf_schema_nearest_section(const char *section, char nearest[64])
+{
+    int best = 1 << 20;
+    for (int i = 0; i < lf_schema_size; i++) {
+        char known[64];
+        snprintf(known, sizeof known, "%.*s", (int)section_length(lf_schema[i].name),
+                 lf_schema[i].name);
+        const int d = distance(section, known);
+        if (d < best) {
+            best = d;
+            memcpy(nearest, known, sizeof known);
+        }
+    }
+}
