@@ -1,0 +1,286 @@
+/* conv.c: 2-D convolution forward and its adjoint in x, as products without an unfolded copy.
+ *
+ * With channels last, the window of one output pixel is `size` runs of size * in adjacent numbers
+ * of a zero-bordered image (gather.h): a row of the product tile. The filter, seen as a matrix
+ * [size * size * in, out], is the panel.
+ *
+ * dx: input pixel (h, v) gets what the taps p = (h + pad) mod stride, + stride, + 2 stride, ...
+ * carry to it, from output rows that are adjacent and go down as p goes up; likewise for columns.
+ * So the input pixels fall into stride^2 classes, and each class is a convolution of dy, without
+ * stride, by its own taps flipped and transposed.
+ */
+#include <omp.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "autograd/kernels/gather.h"
+#include "autograd/kernels/lanes.h"
+#include "autograd/kernels/tile.h"
+#include "autograd/status.h"
+
+enum { CHUNK = 42 * LF_TILE }; /* pixels whose addresses are listed at a time */
+
+/* Results go to pixel (line * step + i0, column * step + j0) of [images, height, width, channels],
+ * where that exists. */
+typedef struct target {
+    lf_real *image;
+    long height, width, channels, step;
+} target;
+
+/* One product over all grid points: taps[0] x taps[1] last pixels of each window. */
+typedef struct class
+{
+    long taps[2];
+    long i0, j0;
+    const lf_real *panels; /* [ceil(channels / LF_PANEL)][terms][panel_step] */
+} class;
+
+typedef struct plan {
+    lf_gather from;
+    target to;
+    const lf_real *bias;
+    bool accumulate;
+    lf_activation act;
+} plan;
+
+static lf_real *align(lf_real *p)
+{
+    return (lf_real *)(((uintptr_t)p + 63) / 64 * 64);
+}
+
+static long panels_of(long channels)
+{
+    return (channels + LF_PANEL - 1) / LF_PANEL;
+}
+
+static long min(long a, long b)
+{
+    return a < b ? a : b;
+}
+
+/* ---- the grid -------------------------------------------------------------------------------- */
+
+/* All columns of the result for `count` pixels. */
+static void run_pixels(const plan *p, const class *c, const lf_gathered *in, long count,
+                       const lf_real *const *x, lf_real *const *y)
+{
+    const long depth = c->taps[0] * c->taps[1] * p->from.channels;
+    const lf_real *panel = c->panels;
+    for (long j = 0; j < p->to.channels; j += LF_PANEL) {
+        _Alignas(64) lf_real start[LF_PANEL] = {0};
+        const long width = min(p->to.channels - j, LF_PANEL);
+        if (p->bias)
+            memcpy(start, p->bias + j, (size_t)width * sizeof *start);
+        const lf_product t = {.window = {c->taps[0], c->taps[1] * p->from.channels, in->pitch},
+                              .panel = panel,
+                              .panel_step = lf_panel_step(width),
+                              .column = j,
+                              .width = width,
+                              .start = p->accumulate ? NULL : start,
+                              .act = p->act};
+        for (long r = 0, n; r < count; r += n) {
+            n = lf_next_part(count - r, LF_TILE);
+            lf_tile_product(&t, n, x + r, y + r);
+        }
+        panel += depth * t.panel_step;
+    }
+}
+
+/* One class over one gathered block: list the pixels' addresses, a chunk at a time. */
+static void run_class(const plan *p, const class *c, const lf_block *b, const lf_gathered *in)
+{
+    const lf_real *x[CHUNK];
+    lf_real *y[CHUNK];
+    const lf_gather *g = &p->from;
+    const target *to = &p->to;
+    const long skip = (g->window - c->taps[0]) * in->pitch + (g->window - c->taps[1]) * g->channels;
+    long count = 0;
+    for (long l = 0; l < b->lines; l++) {
+        const long n = (b->line + l) / g->lines;
+        const long h = (b->line + l) % g->lines * to->step + c->i0;
+        for (long j = 0; h >= 0 && h < to->height && j < b->columns; j++) {
+            const long v = (b->column + j) * to->step + c->j0;
+            if (v < 0 || v >= to->width)
+                continue;
+            x[count] = in->line[l] + j * g->stride * g->channels + skip;
+            y[count++] = to->image + ((n * to->height + h) * to->width + v) * to->channels;
+            if (count == CHUNK) {
+                run_pixels(p, c, in, count, x, y);
+                count = 0;
+            }
+        }
+    }
+    run_pixels(p, c, in, count, x, y);
+}
+
+static void run_block(const plan *p, long classes, const class *c, const lf_block *b)
+{
+    _Alignas(64) lf_real buffer[LF_GATHER];
+    lf_gathered in;
+    lf_gather_fetch(&p->from, b, buffer, &in);
+    for (long k = 0; k < classes; k++)
+        run_class(p, &c[k], b, &in);
+}
+
+/* Every class over the whole grid, parallel over blocks. */
+static void run_grid(const plan *p, long classes, const class *c)
+{
+    const lf_gather *g = &p->from;
+    const long threads = omp_in_parallel() ? 1 : omp_get_max_threads();
+    const long total = g->images * g->lines;
+    if (total == 0)
+        return;
+    lf_block size = lf_gather_block(g, (total + threads - 1) / threads);
+    const long across = (g->columns + size.columns - 1) / size.columns;
+    /* a multiple of the threads, so that they end together */
+    long down = (total + size.lines - 1) / size.lines;
+    down = (down + threads - 1) / threads * threads;
+    size.lines = (total + down - 1) / down;
+#pragma omp parallel for schedule(static)
+    for (long k = 0; k < down * across; k++) {
+        lf_block b = {k / across * size.lines, size.lines, k % across * size.columns, size.columns};
+        b.lines = min(b.lines, total - b.line);
+        b.columns = min(b.columns, g->columns - b.column);
+        if (b.lines > 0)
+            run_block(p, classes, c, &b);
+    }
+}
+
+/* ---- forward --------------------------------------------------------------------------------- */
+
+static lf_gather windows(const lf_conv *s, const lf_real *x)
+{
+    return (lf_gather){x,       s->images, s->height, s->width, s->in, s->out_height, s->out_width,
+                       s->size, s->stride, s->pad};
+}
+
+/* The filter as panels: in place if it is one panel wide, else packed into scratch. */
+static const lf_real *pack_filter(const lf_conv *s, const lf_real *w, lf_real *panels)
+{
+    const long depth = s->size * s->size * s->in;
+    if (s->out <= LF_PANEL && s->out % LF_LANES == 0 && (uintptr_t)w % LF_VEC_BYTES == 0)
+        return w;
+#pragma omp parallel for schedule(static)
+    for (long k = 0; k < panels_of(s->out); k++)
+        lf_pack(depth, min(s->out - k * LF_PANEL, LF_PANEL), w + k * LF_PANEL, s->out,
+                panels + k * depth * LF_PANEL);
+    return panels;
+}
+
+void lf_kernel_conv(const lf_conv *s, const lf_real *x, const lf_real *w, const lf_real *b,
+                    lf_activation act, lf_real *y, lf_real *scratch)
+{
+    const plan p = {.from = windows(s, x),
+                    .to = {y, s->out_height, s->out_width, s->out, 1},
+                    .bias = b,
+                    .act = act};
+    if (!lf_gather_fits(&p.from)) {
+        lf_ref_conv(s, x, w, b, act, y, scratch);
+        return;
+    }
+    const class all = {{s->size, s->size}, 0, 0, pack_filter(s, w, align(scratch))};
+    run_grid(&p, 1, &all);
+}
+
+/* ---- backward in x --------------------------------------------------------------------------- */
+
+/* Taps of residue r: p = r, r + stride, ... < size. */
+static long taps_of(const lf_conv *s, long r)
+{
+    return r < s->size ? (s->size - r + s->stride - 1) / s->stride : 0;
+}
+
+/* Panel k of class (r, q): rows (tap, tap, out) from the last tap to the first, columns in. */
+static void pack_class_panel(const lf_conv *s, const lf_real *w, long r, long q, long k,
+                             lf_real *panel)
+{
+    const long width = min(s->in - k * LF_PANEL, LF_PANEL);
+    for (long p = taps_of(s, r) - 1; p >= 0; p--)
+        for (long o = taps_of(s, q) - 1; o >= 0; o--) {
+            const long tap = (r + p * s->stride) * s->size + q + o * s->stride;
+            lf_pack_transposed(s->out, width, w + (tap * s->in + k * LF_PANEL) * s->out, s->out,
+                               panel);
+            panel += s->out * lf_panel_step(width);
+        }
+}
+
+/* Class (r, q) with its panels packed into `panels`; returns the end of what it used. */
+static lf_real *make_class(const lf_conv *s, const lf_real *w, long r, long q, lf_real *panels,
+                           class *c)
+{
+    const long shift = s->pad / s->stride * s->stride - s->pad; /* of the grid's first line */
+    const long depth = taps_of(s, r) * taps_of(s, q) * s->out;
+    *c = (class){{taps_of(s, r), taps_of(s, q)}, shift + r, shift + q, panels};
+#pragma omp parallel for schedule(static)
+    for (long k = 0; k < panels_of(s->in); k++)
+        pack_class_panel(s, w, r, q, k, panels + k * depth * LF_PANEL);
+    return panels + panels_of(s->in) * depth * LF_PANEL;
+}
+
+/* The grid of dx: point (i, j) sees the output pixels that reach the inputs of its classes. */
+static lf_gather dx_windows(const lf_conv *s, const lf_real *dy)
+{
+    const long window = (s->size + s->stride - 1) / s->stride, first = s->pad / s->stride;
+    return (lf_gather){dy,
+                       s->images,
+                       s->out_height,
+                       s->out_width,
+                       s->out,
+                       (s->height - 1 + s->pad) / s->stride - first + 1,
+                       (s->width - 1 + s->pad) / s->stride - first + 1,
+                       window,
+                       1,
+                       window - 1 - first};
+}
+
+enum { MAX_STRIDE = 4 };
+
+void lf_kernel_conv_dx(const lf_conv *s, const lf_real *dy, const lf_real *w, lf_real *dx,
+                       lf_real *scratch)
+{
+    const plan p = {.from = dx_windows(s, dy),
+                    .to = {dx, s->height, s->width, s->in, s->stride},
+                    .accumulate = true};
+    if (!lf_gather_fits(&p.from) || s->stride > MAX_STRIDE) {
+        lf_ref_conv_dx(s, dy, w, dx, scratch);
+        return;
+    }
+    class c[MAX_STRIDE * MAX_STRIDE];
+    long classes = 0;
+    lf_real *panels = align(scratch);
+    for (long r = 0; r < min(s->stride, s->size); r++)
+        for (long q = 0; q < min(s->stride, s->size); q++)
+            panels = make_class(s, w, r, q, panels, &c[classes++]);
+    run_grid(&p, classes, c);
+}
+
+/* ---- shapes ---------------------------------------------------------------------------------- */
+
+lf_conv lf_conv_shape(long images, long height, long width, long in, long out, long size,
+                      long stride, long pad)
+{
+    LF_REQUIRE(size >= 1 && stride >= 1 && pad >= 0 && height + 2 * pad >= size &&
+                   width + 2 * pad >= size,
+               "lf_conv_shape: filter %ld, stride %ld, pad %ld on %ldx%ld", size, stride, pad,
+               height, width);
+    return (lf_conv){images,
+                     height,
+                     width,
+                     in,
+                     out,
+                     size,
+                     stride,
+                     pad,
+                     (height + 2 * pad - size) / stride + 1,
+                     (width + 2 * pad - size) / stride + 1};
+}
+
+long lf_conv_scratch(const lf_conv *s)
+{
+    const long taps = s->size * s->size, slack = 64 / (long)sizeof(lf_real);
+    const long forward = taps * s->in * panels_of(s->out) * LF_PANEL;
+    const long dx = taps * s->out * panels_of(s->in) * LF_PANEL;
+    const long dw = lf_conv_lanes(s) * (taps * s->in + 1) * s->out;
+    const long most = forward > dx ? forward : dx;
+    return slack + (most > dw ? most : dw);
+}
