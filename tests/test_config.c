@@ -8,6 +8,7 @@
 #include <glob.h>
 #include <unistd.h>
 
+#include "autograd/random.h"
 #include "configs/configs.h"
 #include "configs/schema.h"
 
@@ -327,6 +328,37 @@ static void test_bad_paths(void **state)
     rmdir(folder);
 }
 
+/* Random changes of a whole config: taken or refused with a line, never a crash. */
+static void test_random_damage(void **state)
+{
+    (void)state;
+    lf_config *cfg = defaults();
+    char *text = lf_config_text(cfg);
+    const long length = (long)strlen(text);
+    lf_config_free(cfg);
+    int refused = 0;
+    for (uint64_t i = 0; i < 3000; i++) {
+        lf_stream s = lf_stream_at(1, LF_RANDOM_TEST, 0, i);
+        char *copy = strdup(text);
+        assert_non_null(copy);
+        for (int k = 0; k < 3; k++)
+            copy[lf_index(&s, length)] = "\n\r\t[]=;#:. \xC3-9e"[lf_index(&s, 15)];
+        lf_error err = {""};
+        const lf_status status = lf_config_parse_text(copy, "a.ini", &cfg, &err);
+        if (status == LF_OK) {
+            lf_config_check(cfg, NULL);
+            lf_config_free(cfg);
+        } else {
+            assert_int_equal(status, LF_BAD_INPUT);
+            assert_int_equal(strncmp(err.text, "a.ini:", 6), 0);
+            refused++;
+        }
+        free(copy);
+    }
+    assert_true(refused > 1000);
+    free(text);
+}
+
 /* Every INI file that comes with the project; the folder is the program's argument. */
 static void test_shipped_files(void **state)
 {
@@ -364,6 +396,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(test_misfits),
         cmocka_unit_test(test_warnings),
         cmocka_unit_test(test_bad_paths),
+        cmocka_unit_test(test_random_damage),
         cmocka_unit_test_prestate(test_shipped_files, argc > 1 ? argv[1] : "configs"),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
