@@ -2,15 +2,20 @@
  * self-intersecting, with inner parts, of either orientation.                    [method.md 4.8]
  *
  * Sign, by `method`:
- *   LF_SDF_ESCAPE    inside iff fewer than 2 of `directions` fixed directions (Fibonacci sphere,
- *                    shuffled) leave the mesh without a hit. Needs no orientation and no
- *                    watertightness; a hole of more than 2/directions of the sky opens the inside.
+ *
+ *   LF_SDF_ESCAPE    inside iff fewer than 2 of 128 fixed directions leave the mesh without a hit.
+ *                    Needs no orientation; a hole of more than 2/128 of the sky opens the inside.
+ *
  *   LF_SDF_WINDING   inside iff the generalised winding number is above 1/2, faces oriented by
  *                    visibility: the side that more directions leave from is outside. Bridges
- * holes; fills deep open bowls. LF_SDF_COMBINED  the default: inside by the escape rule, or by the
- * winding number if the mesh is a surface with holes (sdf.c says which). Distance: to the triangles
- * that are seen from outside, then minus `thickness`, so that an open sheet becomes a solid of
- * twice that. Closed meshes need no thickness: 0 is exact.
+ * holes.
+ *
+ *   LF_SDF_COMBINED  the default: closed meshes by the winding number, which is whole; others by
+ *                    the escape rule or, where that says outside, by the winding number as long as
+ *                    less than half of the directions escape.
+ *
+ * Distance: to the triangles that are seen from outside, then minus `thickness`, so that an open
+ * sheet becomes a solid of twice that. Closed meshes need no thickness: 0 is exact.
  */
 #ifndef LF_DATASETS_SDF_H
 #define LF_DATASETS_SDF_H
@@ -39,9 +44,9 @@ lf_sdf_options lf_sdf_defaults(void);
 typedef struct lf_sdf_report {
     long faces;      /* of positive area */
     long hidden;     /* not seen from outside, left out of the distance */
-    long open_edges; /* edges (vertices joined by position) that have not exactly two faces */
+    long open_edges; /* edges (vertices joined by position) with an odd number of faces */
     long edges;
-    int uses_winding; /* 1 if the sign uses the winding number */
+    int closed; /* 1: no edge is open after orienting; the winding number is whole */
 } lf_sdf_report;
 
 typedef struct lf_sdf lf_sdf;
@@ -54,7 +59,8 @@ lf_sdf_report lf_sdf_report_of(const lf_sdf *sdf);
 
 /* Signed distance of n points, in parallel; NAN for a point that is not finite. *doubtful (may be
  * NULL) counts the points where 1 to 7 of 128 directions (in proportion) escape: the sign
- * there hangs on a few rays. The values do not depend on the thread count. */
+ * there hangs on a few rays. A closed mesh has none unless the method is LF_SDF_ESCAPE. The values
+ * do not depend on the thread count. */
 void lf_sdf_eval(const lf_sdf *sdf, long n, const double (*point)[3], double *out, long *doubtful);
 
 /* Training samples out[n_uniform + n_near][4] = x, y, z, sdf: n_uniform uniform in the cube of half

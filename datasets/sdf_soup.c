@@ -86,7 +86,7 @@ static void link_faces(lf_soup *soup, const struct edge *edge, long edges, int64
              next < edges && edge[next].low == edge[i].low && edge[next].high == edge[i].high;)
             next++;
         soup->edges++;
-        soup->open_edges += next - i != 2;
+        soup->open_edges += (next - i) % 2;
         if (next - i != 2 || edge[i].face == edge[i + 1].face)
             continue;
         const int64_t against = edge[i].along == edge[i + 1].along;
@@ -127,6 +127,21 @@ static void spread(lf_soup *soup, long faces, const int64_t *neighbour)
     free(queue);
 }
 
+/* Whether the turned faces run along every edge as often one way as the other. */
+static bool is_closed(const lf_soup *soup, const struct edge *edge, long edges)
+{
+    for (long i = 0, next; i < edges; i = next) {
+        int sum = 0;
+        for (next = i;
+             next < edges && edge[next].low == edge[i].low && edge[next].high == edge[i].high;
+             next++)
+            sum += edge[next].along * soup->turn[edge[next].face];
+        if (sum)
+            return false;
+    }
+    return edges > 0;
+}
+
 lf_soup lf_soup_open(const lf_mesh *mesh)
 {
     const size_t faces = (size_t)mesh->faces;
@@ -142,6 +157,7 @@ lf_soup lf_soup_open(const lf_mesh *mesh)
     const long edges = collect_edges(mesh, joined, edge);
     link_faces(&soup, edge, edges, neighbour);
     spread(&soup, mesh->faces, neighbour);
+    soup.closed = is_closed(&soup, edge, edges);
     free(joined);
     free(edge);
     free(neighbour);

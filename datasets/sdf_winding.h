@@ -18,7 +18,9 @@ double lf_winding_at(const lf_winding *w, const double p[3]);
 
 /* Edges of the mesh, vertices at equal positions taken as one. */
 typedef struct lf_soup {
-    long edges, open_edges; /* open: not exactly two faces */
+    long edges, open_edges; /* open: an odd number of faces */
+    bool closed;            /* every edge, with `turn`, has as many faces one way as the other: the
+                               winding number is a whole number everywhere off the surface */
     int32_t *component;     /* [faces] faces joined across edges of exactly two faces */
     signed char *turn;      /* [faces] +1 or -1: with it a component is oriented one way */
     long components;

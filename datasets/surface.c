@@ -1,52 +1,24 @@
-/* surface.c: rays and closest points by Embree, refined in double.           [surface.h says what]
+/* surface.c: a mesh handed to Embree, and rays.                              [surface.h says what]
  *
- * Embree sees the mesh's vertices as (x - centre) / diagonal in float, so that its rounding is 6e-8
- * of the size wherever the mesh lies. Closest points: Embree walks its tree with a search radius a
- * little larger than the best distance so far (rounding of the float boxes), the callback computes
- * the exact closest point of each triangle in double. Rays: Embree names the triangle, distance and
- * normal are computed again from the mesh.
+ * Embree sees the vertices as (x - centre) / diagonal in float, so that its rounding is 6e-8 of the
+ * size wherever the mesh lies. It names the triangle that a ray meets; distance and normal are
+ * computed again from the mesh in double.
  */
-#include "datasets/surface.h"
+#include "datasets/surface_internal.h"
 
 #include <math.h>
-
-#ifdef LF_EMBREE4
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
-
-struct lf_surface {
-    lf_mesh *mesh;
-    long *original; /* face number in the mesh of Embree's primitive, of positive area and kept */
-    long primitives;
-    double centre[3], diagonal;
-    RTCDevice device;
-    RTCScene scene;
-};
-
-static void subtract(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = a[i] - b[i];
-}
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 /* Twice the area of a face; the unit normal, zero if there is no area. */
 static double face_normal(const lf_mesh *mesh, long face, double normal[3])
 {
     const int32_t *f = mesh->face[face];
     double a[3], b[3];
-    subtract(mesh->vertex[f[1]], mesh->vertex[f[0]], a);
-    subtract(mesh->vertex[f[2]], mesh->vertex[f[0]], b);
+    lf_subtract(mesh->vertex[f[1]], mesh->vertex[f[0]], a);
+    lf_subtract(mesh->vertex[f[2]], mesh->vertex[f[0]], b);
     normal[0] = a[1] * b[2] - a[2] * b[1];
     normal[1] = a[2] * b[0] - a[0] * b[2];
     normal[2] = a[0] * b[1] - a[1] * b[0];
-    const double n = sqrt(dot(normal, normal));
+    const double n = sqrt(lf_dot(normal, normal));
     for (int i = 0; i < 3; i++)
         normal[i] = n > 0 ? normal[i] / n : 0;
     return n;
@@ -106,12 +78,6 @@ static lf_status choose_faces(lf_surface *s, const uint8_t *keep, lf_error *err)
     return LF_OK;
 }
 
-static void to_local(const lf_surface *s, const double p[3], float out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = (float)((p[i] - s->centre[i]) / s->diagonal);
-}
-
 /* Every corner of every kept face is a vertex of Embree's own: no index map is needed. */
 static lf_status fill_scene(lf_surface *s, lf_error *err)
 {
@@ -127,7 +93,7 @@ static lf_status fill_scene(lf_surface *s, lf_error *err)
     }
     for (size_t c = 0; c < corners; c++) {
         const int32_t v = s->mesh->face[s->original[c / 3]][c % 3];
-        to_local(s, s->mesh->vertex[v], vertex + 3 * c);
+        lf_surface_local(s, s->mesh->vertex[v], vertex + 3 * c);
         index[c] = (unsigned)c;
     }
     rtcSetGeometryMask(geometry, ~0u);
@@ -247,7 +213,7 @@ static struct RTCRay make_ray(const lf_surface *s, const double origin[3],
                               const double direction[3], double from, double to)
 {
     float o[3];
-    to_local(s, origin, o);
+    lf_surface_local(s, origin, o);
     struct RTCRay ray = {.org_x = o[0], .org_y = o[1], .org_z = o[2], .mask = ~0u};
     ray.dir_x = (float)direction[0];
     ray.dir_y = (float)direction[1];
@@ -280,9 +246,9 @@ bool lf_surface_first_hit(const lf_surface *s, const double origin[3], const dou
     out->face = s->original[query.hit.primID];
     face_normal(s->mesh, out->face, out->normal);
     double to_plane[3];
-    subtract(s->mesh->vertex[s->mesh->face[out->face][0]], origin, to_plane);
-    const double slope = dot(direction, out->normal), seen = query.ray.tfar * s->diagonal;
-    const double exact = dot(to_plane, out->normal) / slope;
+    lf_subtract(s->mesh->vertex[s->mesh->face[out->face][0]], origin, to_plane);
+    const double slope = lf_dot(direction, out->normal), seen = query.ray.tfar * s->diagonal;
+    const double exact = lf_dot(to_plane, out->normal) / slope;
     /* a ray along the plane has no intersection to compute: Embree's own stands */
     const double slack = 1e-5 * (s->diagonal + seen);
     out->distance = fabs(exact - seen) <= slack ? exact : seen;
@@ -309,7 +275,7 @@ unsigned lf_surface_any_hit8(const lf_surface *s, const double origin[3],
     static const int valid[8] __attribute__((aligned(32))) = {-1, -1, -1, -1, -1, -1, -1, -1};
     struct RTCRay8 ray;
     float o[3];
-    to_local(s, origin, o);
+    lf_surface_local(s, origin, o);
     for (int k = 0; k < 8; k++) {
         ray.org_x[k] = o[0];
         ray.org_y[k] = o[1];
@@ -333,118 +299,6 @@ unsigned lf_surface_any_hit8(const lf_surface *s, const double origin[3],
     for (int k = 0; k < 8; k++)
         bits |= (unsigned)(ray.tfar[k] < 0) << k;
     return bits;
-}
-
-/* ---- closest point ------------------------------------------------------------------------ */
-
-/* Closest point of a triangle by the region of the plane that p projects to: corner, edge or
- * interior (Ericson, "Real-time collision detection", 2005, section 5.1.5). */
-static void closest_on_triangle(const double p[3], const double a[3], const double b[3],
-                                const double c[3], double out[3])
-{
-    double ab[3], ac[3], ap[3], bp[3], cp[3];
-    subtract(b, a, ab);
-    subtract(c, a, ac);
-    subtract(p, a, ap);
-    subtract(p, b, bp);
-    subtract(p, c, cp);
-    const double d1 = dot(ab, ap), d2 = dot(ac, ap), d3 = dot(ab, bp), d4 = dot(ac, bp);
-    const double d5 = dot(ab, cp), d6 = dot(ac, cp);
-    const double vc = d1 * d4 - d3 * d2, vb = d5 * d2 - d1 * d6, va = d3 * d6 - d5 * d4;
-    double v = 0, w = 0; /* out = a + v ab + w ac */
-    if (d1 <= 0 && d2 <= 0) {
-        v = 0;
-    } else if (d3 >= 0 && d4 <= d3) {
-        v = 1;
-    } else if (vc <= 0 && d1 >= 0 && d3 <= 0) {
-        v = d1 / (d1 - d3);
-    } else if (d6 >= 0 && d5 <= d6) {
-        w = 1;
-    } else if (vb <= 0 && d2 >= 0 && d6 <= 0) {
-        w = d2 / (d2 - d6);
-    } else if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-        v = 1 - w;
-    } else {
-        v = vb / (va + vb + vc);
-        w = vc / (va + vb + vc);
-    }
-    for (int i = 0; i < 3; i++)
-        out[i] = a[i] + v * ab[i] + w * ac[i];
-}
-
-struct search {
-    const lf_surface *surface;
-    const double *point;
-    double best2; /* squared distance */
-    double slack; /* rounding of the float search, in local units */
-    lf_closest found;
-};
-
-/* The smallest radius (local units) that cannot lose a closer triangle by rounding. */
-static float search_radius(const struct search *q)
-{
-    return (float)((sqrt(q->best2) / q->surface->diagonal) * (1 + 1e-6) + q->slack);
-}
-
-static bool visit(struct RTCPointQueryFunctionArguments *args)
-{
-    struct search *q = args->userPtr;
-    const lf_mesh *mesh = q->surface->mesh;
-    const long face = q->surface->original[args->primID];
-    const int32_t *f = mesh->face[face];
-    double at[3], d[3];
-    closest_on_triangle(q->point, mesh->vertex[f[0]], mesh->vertex[f[1]], mesh->vertex[f[2]], at);
-    subtract(at, q->point, d);
-    const double d2 = dot(d, d);
-    if (!(d2 < q->best2))
-        return false;
-    q->best2 = d2;
-    q->found.face = face;
-    for (int i = 0; i < 3; i++)
-        q->found.point[i] = at[i];
-    const float radius = search_radius(q);
-    if (radius >= args->query->radius)
-        return false;
-    args->query->radius = radius;
-    return true;
-}
-
-lf_closest lf_surface_closest(const lf_surface *s, const double point[3])
-{
-    struct search q = {.surface = s, .point = point, .best2 = INFINITY};
-    q.found = (lf_closest){.face = -1, .distance = NAN, .point = {NAN, NAN, NAN}};
-    double off[3];
-    subtract(point, s->centre, off);
-    const double away = sqrt(dot(off, off)) / s->diagonal;
-    if (!(away < 1e30))
-        return q.found;
-    q.slack = 5e-7 * (1 + away);
-    float local[3];
-    to_local(s, point, local);
-    struct RTCPointQuery query = {.x = local[0], .y = local[1], .z = local[2]};
-    query.radius = (float)((away + 1) * 1.001); /* the whole box lies within */
-    struct RTCPointQueryContext context;
-    rtcInitPointQueryContext(&context);
-    rtcPointQuery(s->scene, &query, &context, visit, &q);
-    q.found.distance = sqrt(q.best2);
-    return q.found;
-}
-
-/* ---- many at once ------------------------------------------------------------------------- */
-
-void lf_surface_closest_all(const lf_surface *s, long n, const double (*point)[3], lf_closest *out)
-{
-#pragma omp parallel for schedule(dynamic, 256)
-    for (long i = 0; i < n; i++)
-        out[i] = lf_surface_closest(s, point[i]);
-}
-
-void lf_surface_distance_all(const lf_surface *s, long n, const double (*point)[3], double *out)
-{
-#pragma omp parallel for schedule(dynamic, 256)
-    for (long i = 0; i < n; i++)
-        out[i] = lf_surface_closest(s, point[i]).distance;
 }
 
 void lf_surface_first_hit_all(const lf_surface *s, long n, const double (*origin)[3],
