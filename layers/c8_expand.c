@@ -19,7 +19,7 @@
 typedef lf_real vec
     __attribute__((vector_size(LF_C8 * sizeof(lf_real)), aligned(sizeof(lf_real)), may_alias));
 
-enum { DOUBLED = 2 * LF_C8 };
+enum { DOUBLED = 2 * LF_C8, PART = 8 /* members whose sums fit in registers */ };
 
 typedef struct shape {
     long pixels, count, in, out,
@@ -54,30 +54,78 @@ static void fold(const shape *s, const lf_real *t, long i, lf_real *dw)
     }
 }
 
-/* Filter numbers of input channel (i, r), all pixels and outputs: f points at pixel 0, output 0. */
-static void expand_channel(const shape *s, const lf_real *table, const lf_real *t, lf_real *f)
+/* Filter numbers of input channel (i, r) for `width` output fields: t and f point at the first of
+ * them, f at pixel 0. Called with constant counts and widths, so that the weights stay in registers
+ * and each basis vector is read once for all `width`. */
+__attribute__((always_inline)) static inline void
+expand_some(const shape *s, long count, long width, const lf_real *restrict table,
+            const lf_real *restrict t, lf_real *restrict f)
 {
     const long pixel = s->in * s->turns * s->out * LF_C8;
-    for (long o = 0; o < s->out; o++, t += s->count * DOUBLED, f += LF_C8)
-        for (long p = 0; p < s->pixels; p++) {
-            const vec *basis = (const vec *)(table + p * s->count * LF_C8);
-            vec sum = *(const vec *)t * basis[0];
-            for (long b = 1; b < s->count; b++)
-                sum += *(const vec *)(t + b * DOUBLED) * basis[b];
-            *(vec *)(f + p * pixel) = sum;
-        }
+    for (long p = 0; p < s->pixels; p++, table += count * LF_C8, f += pixel) {
+        vec sum[2] = {{0}, {0}};
+        for (long b = 0; b < count; b++)
+            for (long o = 0; o < width; o++)
+                sum[o] += *(const vec *)(t + (o * count + b) * DOUBLED) *
+                          *(const vec *)(table + b * LF_C8);
+        for (long o = 0; o < width; o++)
+            *(vec *)(f + o * LF_C8) = sum[o];
+    }
+}
+
+/* The transpose: dt += what df holds of the same numbers. `count` members from b on. */
+__attribute__((always_inline)) static inline void
+reduce_some(const shape *s, long count, long width, const lf_real *restrict table,
+            const lf_real *restrict df, lf_real *restrict dt)
+{
+    const long pixel = s->in * s->turns * s->out * LF_C8;
+    vec sum[2][PART];
+    for (long o = 0; o < width; o++)
+        for (long b = 0; b < count; b++)
+            sum[o][b] = *(const vec *)(dt + (o * s->count + b) * DOUBLED);
+    for (long p = 0; p < s->pixels; p++, table += s->count * LF_C8, df += pixel)
+        for (long b = 0; b < count; b++)
+            for (long o = 0; o < width; o++)
+                sum[o][b] += *(const vec *)(df + o * LF_C8) * *(const vec *)(table + b * LF_C8);
+    for (long o = 0; o < width; o++)
+        for (long b = 0; b < count; b++)
+            *(vec *)(dt + (o * s->count + b) * DOUBLED) = sum[o][b];
+}
+
+static void expand_channel(const shape *s, const lf_real *table, const lf_real *t, lf_real *f)
+{
+    const long step = s->count * DOUBLED;
+    for (long o = 0; o < s->out; o += 2, t += 2 * step, f += 2 * LF_C8) {
+        const long width = s->out - o < 2 ? 1 : 2;
+        if (s->count == 1 && width == 2)
+            expand_some(s, 1, 2, table, t, f);
+        else if (s->count == 6 && width == 2)
+            expand_some(s, 6, 2, table, t, f);
+        else if (s->count == 8 && width == 2)
+            expand_some(s, 8, 2, table, t, f);
+        else
+            expand_some(s, s->count, width, table, t, f);
+    }
 }
 
 static void reduce_channel(const shape *s, const lf_real *table, const lf_real *df, lf_real *dt)
 {
-    const long pixel = s->in * s->turns * s->out * LF_C8;
-    for (long o = 0; o < s->out; o++, dt += s->count * DOUBLED, df += LF_C8)
-        for (long p = 0; p < s->pixels; p++) {
-            const vec *basis = (const vec *)(table + p * s->count * LF_C8);
-            const vec d = *(const vec *)(df + p * pixel);
-            for (long b = 0; b < s->count; b++)
-                *(vec *)(dt + b * DOUBLED) += d * basis[b];
+    const long step = s->count * DOUBLED;
+    for (long o = 0; o < s->out; o += 2, dt += 2 * step, df += 2 * LF_C8) {
+        const long width = s->out - o < 2 ? 1 : 2;
+        for (long b = 0; b < s->count; b += PART) {
+            const long count = s->count - b < PART ? s->count - b : PART;
+            const lf_real *from = table + b * LF_C8;
+            if (count == 1 && width == 2)
+                reduce_some(s, 1, 2, from, df, dt + b * DOUBLED);
+            else if (count == 6 && width == 2)
+                reduce_some(s, 6, 2, from, df, dt + b * DOUBLED);
+            else if (count == PART && width == 2)
+                reduce_some(s, PART, 2, from, df, dt + b * DOUBLED);
+            else
+                reduce_some(s, count, width, from, df, dt + b * DOUBLED);
         }
+    }
 }
 
 static void backward(const lf_node *node)
