@@ -8,36 +8,15 @@
  */
 #include "autograd/ops_image.h"
 
-/* Eight numbers in pairs: short chains of additions. */
-static lf_real sum8(const lf_real *x)
-{
-    return ((x[0] + x[1]) + (x[2] + x[3])) + ((x[4] + x[5]) + (x[6] + x[7]));
-}
-
-static lf_real sum(long group, const lf_real *x)
-{
-    lf_real total = 0;
-    for (long a = 0; a < group; a++)
-        total += x[a];
-    return total;
-}
-
 static void backward(const lf_node *node)
 {
     const lf_tensor *y = node->out[0];
     lf_tensor *x = node->in[0];
     const long group = x->size / y->size;
-    lf_real *restrict dx = x->grad;
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < y->size; i++) {
-        const lf_real g = y->grad[i];
-        if (group == 8)
-            for (long a = 0; a < 8; a++)
-                dx[i * 8 + a] += g;
-        else
-            for (long a = 0; a < group; a++)
-                dx[i * group + a] += g;
-    }
+    for (long i = 0; i < y->size; i++)
+        for (long a = 0; a < group; a++)
+            x->grad[i * group + a] += y->grad[i];
 }
 
 lf_tensor *lf_group_sum(lf_tape *tape, lf_tensor *x, long group)
@@ -46,8 +25,12 @@ lf_tensor *lf_group_sum(lf_tape *tape, lf_tensor *x, long group)
                "lf_group_sum: %ld channels in groups of %ld", lf_cols(x), group);
     lf_tensor *y = lf_tensor_cols(tape, x, lf_cols(x) / group);
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < y->size; i++)
-        y->value[i] = group == 8 ? sum8(x->value + i * 8) : sum(group, x->value + i * group);
+    for (long i = 0; i < y->size; i++) {
+        lf_real sum = 0;
+        for (long a = 0; a < group; a++)
+            sum += x->value[i * group + a];
+        y->value[i] = sum;
+    }
     lf_record(tape, "group_sum", backward, NULL, LF_IN(x), LF_OUT(y));
     return y;
 }
