@@ -123,7 +123,8 @@ lf_tensor *lf_tensor_new(lf_tape *tape, int rank, const long *dim);
 lf_tensor *lf_tensor_like(lf_tape *tape, const lf_tensor *shape);
 /* The same rows with another last axis: dims of x, the last one replaced by `cols`. */
 lf_tensor *lf_tensor_cols(lf_tape *tape, const lf_tensor *x, long cols);
-/* The caller's memory seen as a tensor; grad may be NULL. The memory must outlive the tape's use. */
+/* The caller's memory seen as a tensor; grad may be NULL. The memory must outlive the tape's use.
+ */
 lf_tensor *lf_leaf(lf_tape *tape, int rank, const long *dim, lf_real *value, lf_real *grad);
 /* A parameter seen as a tensor; its grad is the lane's or the store's. */
 lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p);
@@ -135,7 +136,10 @@ lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p);
 void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *saved, int n_in,
                lf_tensor *const *in, int n_out, lf_tensor *const *out);
 #define LF_IN(...)                                                                                 \
-    (int)(sizeof((lf_tensor *[]){__VA_ARGS__}) / sizeof(lf_tensor *)), (lf_tensor *[]){__VA_ARGS__}
+    (int)(sizeof((lf_tensor *[]){__VA_ARGS__}) / sizeof(lf_tensor *)), (lf_tensor *[])             \
+    {                                                                                              \
+        __VA_ARGS__                                                                                \
+    }
 #define LF_OUT(...) LF_IN(__VA_ARGS__)
 
 /* Add d(loss)/d(tensor) to the grad of every tensor the loss depends on; loss has one element and

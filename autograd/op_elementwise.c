@@ -10,8 +10,9 @@
 
 static void require_same(const char *op, const lf_tensor *a, const lf_tensor *b)
 {
-    LF_REQUIRE(a->size == b->size && lf_cols(a) == lf_cols(b), "%s: [.., %ld] of %ld, [.., %ld] of %ld",
-               op, lf_cols(a), a->size, lf_cols(b), b->size);
+    LF_REQUIRE(a->size == b->size && lf_cols(a) == lf_cols(b),
+               "%s: [.., %ld] of %ld, [.., %ld] of %ld", op, lf_cols(a), a->size, lf_cols(b),
+               b->size);
 }
 
 static void add_backward(const lf_node *node)

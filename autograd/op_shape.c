@@ -28,8 +28,9 @@ lf_tensor *lf_concat(lf_tape *tape, int count, lf_tensor *const *parts)
     LF_REQUIRE(count >= 1 && count <= LF_MAX_IN, "lf_concat: %d parts", count);
     long cols = 0, at = 0;
     for (int k = 0; k < count; k++) {
-        LF_REQUIRE(lf_rows(parts[k]) == lf_rows(parts[0]), "lf_concat: part %d has %ld rows, not %ld",
-                   k, lf_rows(parts[k]), lf_rows(parts[0]));
+        LF_REQUIRE(lf_rows(parts[k]) == lf_rows(parts[0]),
+                   "lf_concat: part %d has %ld rows, not %ld", k, lf_rows(parts[k]),
+                   lf_rows(parts[0]));
         cols += lf_cols(parts[k]);
     }
     lf_tensor *y = lf_tensor_cols(tape, parts[0], cols);
@@ -58,7 +59,8 @@ lf_tensor *lf_rows_view(lf_tape *tape, lf_tensor *x, long from, long count)
     long dim[LF_MAX_RANK] = {count};
     for (int i = 1; i < x->rank; i++)
         dim[i] = x->dim[i];
-    return lf_leaf(tape, x->rank, dim, x->value + from * row, x->grad ? x->grad + from * row : NULL);
+    return lf_leaf(tape, x->rank, dim, x->value + from * row,
+                   x->grad ? x->grad + from * row : NULL);
 }
 
 static void add_group_backward(const lf_node *node)

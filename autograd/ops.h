@@ -40,18 +40,20 @@ lf_tensor *lf_sum(lf_tape *tape, lf_tensor *x);
 lf_tensor *lf_softmax(lf_tape *tape, lf_tensor *x, const lf_tensor *mask);
 
 /* Bilinear samples of several maps of one set of images, joined.     [method.md 5a.3]
- * maps[m] [N, h_m, w_m, C_m]; all cover the same image, corners aligned: a point at uv (pixels of an
- * image of height x width, integers are pixel centres) reads map m at uv * (w_m - 1) / (width - 1).
- * uv [Q, V, 2] (doubles), image n of point q and view v is first[q] + v; mask [Q, V] (1 = seen): an
- * unseen entry gives zeros and no gradient. Result [Q, V, sum of C_m]. The backward adds to each map in
- * the order of the points, one image after the other by one thread each: same bits for any thread count. */
+ * maps[m] [N, h_m, w_m, C_m]; all cover the same image, corners aligned: a point at uv (pixels of
+ * an image of height x width, integers are pixel centres) reads map m at uv * (w_m - 1) / (width -
+ * 1). uv [Q, V, 2] (doubles), image n of point q and view v is first[q] + v; mask [Q, V] (1 =
+ * seen): an unseen entry gives zeros and no gradient. Result [Q, V, sum of C_m]. The backward adds
+ * to each map in the order of the points, one image after the other by one thread each: same bits
+ * for any thread count. */
 lf_tensor *lf_sample_maps(lf_tape *tape, int count, lf_tensor *const *maps, long height, long width,
                           long points, long views, const double *uv, const lf_real *mask,
                           const long *first);
 
 /* Weighted L1 on clamped values, summed over the points, of predictions x [.., 1] of `scale` * sdf:
  *   sum_i w_i | x_i - clip(scale sdf_i) |,  clip to [-scale clamp, scale clamp],
- *   0 where x lies beyond the clamp on the target's side; w_i = near_weight if sdf_i <= near, else 1.
+ *   0 where x lies beyond the clamp on the target's side; w_i = near_weight if sdf_i <= near,
+ * else 1.
  * -> []                                                              [method.md 5a.7] */
 typedef struct lf_sdf_loss_config {
     double scale, clamp, near, near_weight;

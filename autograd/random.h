@@ -1,6 +1,6 @@
 /* random.h: counter-based random numbers. (seed, purpose, step, item) names a number; nothing
- * depends on the order of calls or on threads. Philox 4x32-10 of Random123 (Salmon et al., "Parallel
- * random numbers: as easy as 1, 2, 3", 2011). No state, so every folder may include it.
+ * depends on the order of calls or on threads. Philox 4x32-10 of Random123 (Salmon et al.,
+ * "Parallel random numbers: as easy as 1, 2, 3", 2011). No state, so every folder may include it.
  *
  *     lf_stream s = lf_stream_at(seed, LF_RANDOM_POINTS, step, item);
  *     double u = lf_uniform(&s), n = lf_normal(&s);
@@ -20,17 +20,17 @@
 
 /* What a number is for: two purposes never share a number. Append only; the values are in runs. */
 enum lf_random_purpose {
-    LF_RANDOM_INIT = 1,     /* initial weights, item = hash of the parameter's name */
-    LF_RANDOM_SHUFFLE = 2,  /* order of the items of an epoch */
-    LF_RANDOM_POINTS = 3,   /* which stored samples a step draws */
-    LF_RANDOM_SETTING = 4,  /* rolls, look-at points and rotations of the settings Z, R, Y, SO3 */
-    LF_RANDOM_SHAPE = 5,    /* parameters of a procedural shape */
-    LF_RANDOM_SURFACE = 6,  /* area-uniform samples of a surface */
-    LF_RANDOM_VOLUME = 7,   /* uniform samples of a volume */
-    LF_RANDOM_NEAR = 8,     /* offsets of near-surface samples */
-    LF_RANDOM_GROUP = 9,    /* group elements of equivariance checks */
-    LF_RANDOM_TEST = 10,    /* tests and benchmarks */
-    LF_RANDOM_METRIC = 11   /* sample points of metrics */
+    LF_RANDOM_INIT = 1,    /* initial weights, item = hash of the parameter's name */
+    LF_RANDOM_SHUFFLE = 2, /* order of the items of an epoch */
+    LF_RANDOM_POINTS = 3,  /* which stored samples a step draws */
+    LF_RANDOM_SETTING = 4, /* rolls, look-at points and rotations of the settings Z, R, Y, SO3 */
+    LF_RANDOM_SHAPE = 5,   /* parameters of a procedural shape */
+    LF_RANDOM_SURFACE = 6, /* area-uniform samples of a surface */
+    LF_RANDOM_VOLUME = 7,  /* uniform samples of a volume */
+    LF_RANDOM_NEAR = 8,    /* offsets of near-surface samples */
+    LF_RANDOM_GROUP = 9,   /* group elements of equivariance checks */
+    LF_RANDOM_TEST = 10,   /* tests and benchmarks */
+    LF_RANDOM_METRIC = 11  /* sample points of metrics */
 };
 
 /* A short sequence of numbers that belongs to one (seed, purpose, step, item). */

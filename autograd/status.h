@@ -59,10 +59,9 @@ static inline lf_status lf_error_context(lf_error *err, lf_status status, const 
         va_start(args, format);
         vsnprintf(outer, sizeof outer, format, args);
         va_end(args);
-        lf_error inner = *err;
-        size_t used = strlen(outer);
-        memcpy(err->text, outer, used);
-        snprintf(err->text + used, sizeof err->text - used, ": %s", inner.text);
+        const lf_error inner = *err;
+        snprintf(err->text, sizeof err->text, "%s: %.*s", outer, (int)(sizeof inner.text - 516),
+                 inner.text);
     }
     return status;
 }

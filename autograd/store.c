@@ -70,8 +70,8 @@ const lf_parameter *lf_store_add(lf_store *store, const char *name, int rank, co
     LF_REQUIRE(p && rank <= LF_MAX_RANK, "parameter %s of rank %d", name, rank);
     LF_REQUIRE(strlen(name) < sizeof p->name, "the name %s is too long", name);
     LF_REQUIRE(!lf_store_find(store, name), "two parameters are called %s", name);
-    *p = (lf_parameter){.store = store, .rank = rank, .offset = store->size, .size = 1,
-                        .trainable = trainable};
+    *p = (lf_parameter){
+        .store = store, .rank = rank, .offset = store->size, .size = 1, .trainable = trainable};
     memcpy(p->name, name, strlen(name) + 1);
     for (int i = 0; i < rank; i++) {
         p->dim[i] = dim[i];

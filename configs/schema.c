@@ -33,8 +33,8 @@
 
 /* clang-format off */
 const lf_key lf_schema[] = {
-    CHOICE("model.type", "equivariant", "equivariant|plain",
-           "Rays fused by the SE(3)-equivariant head, or (plain) by maximum over views and an MLP."),
+    CHOICE("model.type", "equivariant", "equivariant",
+           "The system: the paper's model, rays fused by SE(3)-equivariant convolution and attention."),
     CHOICE("model.backbone", "c8", "c8|plain",
            "Features of the views: equivariant to eighth turns, or ordinary convolutions of equal size."),
     INT("model.stem_fields", "4", 1, 256, "Fields (of 8 channels) after the first convolution."),
@@ -54,7 +54,7 @@ const lf_key lf_schema[] = {
     INT("model.depth_octaves", "0", 0, 16, "Octaves of the depth's sine and cosine code; 0: none."),
     INT("model.scalars", "16", 1, 256, "Scalar channels of the head."),
     INT("model.vectors", "8", 1, 256, "Vector channels of the head."),
-    INT("model.blocks", "2", 0, 16, "Attention blocks of the head."),
+    INT("model.blocks", "2", 0, 6, "Attention blocks of the head."),
     INT("model.heads", "4", 1, 64, "Attention heads; they divide scalars and vectors."),
     BOOL("model.degree2", "false", "The degree-2 path from vectors to vectors in the SE(3) kernels."),
     CHOICE("model.nonlinearity", "norm", "norm|gated", "Nonlinearity of vectors in the head."),
@@ -77,6 +77,8 @@ const lf_key lf_schema[] = {
     INT("data.test_shapes", "40", 1, 100000, "Built-in shapes to test on."),
     INT("data.extra_builtin", "0", 0, 1000000, "Built-in shapes added to the training shapes of a real category."),
     INT("data.real_repeat", "6", 1, 1000, "How often an epoch draws a real shape where built-in ones are added."),
+    INT("data.draws", "4", 1, 1000,
+        "Random draws of the settings Z, R, Y and SO3 kept for a training shape; an epoch takes the next one."),
     INT("data.points_uniform", "6000", 1, 10000000, "Points in the cube stored for a shape."),
     INT("data.points_near", "6000", 1, 10000000, "Points near the surface stored for a shape."),
     REAL("data.thickness", "-1", -1, 0.1,

@@ -1,5 +1,6 @@
 /* layers.h: the layers after the backbone: linear maps, fields of types 0 and 1 on points and rays,
- * the ray -> point convolution, SE(3) attention, vector neurons, MLP.   [method.md 1.7, 2.5 - 2.9, 5a]
+ * the ray -> point convolution, SE(3) attention, vector neurons, MLP.   [method.md 1.7, 2.5 - 2.9,
+ * 5a]
  *
  * A layer is a struct of parameter pointers, an init that registers them under a dotted prefix, and
  * a forward. A type-0 feature is [.., C]; a type-1 feature is [.., 3, C], components x, y, z in the
@@ -26,7 +27,8 @@ typedef struct lf_ray_geometry {
     const lf_tensor *mask;      /* [Q, V], 1 = the view sees the point */
 } lf_ray_geometry;
 
-/* ---- linear maps -------------------------------------------------------------------------------- */
+/* ---- linear maps --------------------------------------------------------------------------------
+ */
 
 typedef struct lf_linear_layer {
     const lf_parameter *weight; /* [in, out] */
@@ -40,7 +42,8 @@ lf_tensor *lf_linear_apply(lf_tape *tape, const lf_linear_layer *layer, lf_tenso
                            lf_activation act);
 
 /* Equivariant linear map (self-interaction): one matrix for scalars with bias, one for vectors
- * without. A missing type on either side (size 0) is left out.                    [method.md 1.7] */
+ * without. A missing type on either side (size 0) is left out.                    [method.md 1.7]
+ */
 typedef struct lf_self_interaction {
     lf_linear_layer scalar, vector;
     bool has_vector;
@@ -59,15 +62,18 @@ void lf_mlp_init(lf_store *store, lf_mlp *mlp, const char *prefix, long in, int 
                  const long *width, long out);
 lf_tensor *lf_mlp_apply(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x);
 
-/* ---- nonlinearities ----------------------------------------------------------------------------- */
+/* ---- nonlinearities -----------------------------------------------------------------------------
+ */
 
 typedef enum lf_nonlinearity { LF_NORM_RELU, LF_GATED } lf_nonlinearity;
 
-/* Norms over the 3 components: v [.., 3, C] -> sqrt(|v|^2 + 1e-12) [.., C].       [method.md 4.2] */
+/* Norms over the 3 components: v [.., 3, C] -> sqrt(|v|^2 + 1e-12) [.., C].       [method.md 4.2]
+ */
 lf_tensor *lf_vector_norm(lf_tape *tape, lf_tensor *v);
 /* v [.., 3, C] times g [.., C] per channel. */
 lf_tensor *lf_gate(lf_tape *tape, lf_tensor *v, lf_tensor *g);
-/* v -> v ReLU(n + beta) / n, n = sqrt(|v|^2 + 1e-8); beta [C].                    [method.md 2.9] */
+/* v -> v ReLU(n + beta) / n, n = sqrt(|v|^2 + 1e-8); beta [C].                    [method.md 2.9]
+ */
 lf_tensor *lf_norm_relu(lf_tape *tape, lf_tensor *v, lf_tensor *beta);
 
 typedef struct lf_nonlinear {
@@ -81,27 +87,29 @@ void lf_nonlinear_init(lf_store *store, lf_nonlinear *layer, const char *prefix,
 /* ReLU on scalars; the norm or gated nonlinearity on vectors. */
 lf_field lf_nonlinear_apply(lf_tape *tape, const lf_nonlinear *layer, lf_field x);
 
-/* ---- rays to points ------------------------------------------------------------------------------ */
+/* ---- rays to points
+ * ------------------------------------------------------------------------------ */
 
 /* Means over the views that see the point: m0 = mean_v r_v [Q, C] and
- * m1 = mean_v sqrt(3) d_v r_v [Q, 3, C], of ray features r [Q, V, C].          [method.md 2.5, 5a.4] */
+ * m1 = mean_v sqrt(3) d_v r_v [Q, 3, C], of ray features r [Q, V, C].          [method.md 2.5,
+ * 5a.4] */
 lf_field lf_ray_moments(lf_tape *tape, lf_tensor *r, const lf_ray_geometry *rays);
 
-/* Ray -> point convolution, kernel support d0 = 0: F0 = mean_v W0 r_v, F1 = mean_v sqrt3 (W1 r_v) d_v,
- * computed as linear maps of the moments (the same numbers, V times fewer products). */
+/* Ray -> point convolution, kernel support d0 = 0: F0 = mean_v W0 r_v, F1 = mean_v sqrt3 (W1 r_v)
+ * d_v, computed as linear maps of the moments (the same numbers, V times fewer products). */
 typedef struct lf_ray_convolution {
     lf_linear_layer scalar, vector;
     bool has_vector;
 } lf_ray_convolution;
-void lf_ray_convolution_init(lf_store *store, lf_ray_convolution *layer, const char *prefix, long in,
-                             long out0, long out1);
+void lf_ray_convolution_init(lf_store *store, lf_ray_convolution *layer, const char *prefix,
+                             long in, long out0, long out1);
 lf_field lf_ray_convolution_apply(lf_tape *tape, const lf_ray_convolution *layer, lf_tensor *r,
                                   const lf_ray_geometry *rays);
 
 /* All paths of the TFN kernels along d, before their channel matrices, joined per type:
  *   scalars  [ s | <d, v> ]                                             [Q, V, C0 + C1]
- *   vectors  [ v | sqrt(3/2) d x v | sqrt3 s d (| 3/sqrt2 (d<d,v> - v/3)) ]  [Q, V, 3, 2 C1 + C0 (+ C1)]
- * x.vector may be NULL (C1 = 0); the last path only with degree2.                  [method.md 2.7] */
+ *   vectors  [ v | sqrt(3/2) d x v | sqrt3 s d (| 3/sqrt2 (d<d,v> - v/3)) ]  [Q, V, 3, 2 C1 + C0 (+
+ * C1)] x.vector may be NULL (C1 = 0); the last path only with degree2. [method.md 2.7] */
 lf_field lf_tfn_paths(lf_tape *tape, lf_field x, const lf_ray_geometry *rays, bool degree2);
 
 /* Multi-head attention over the views of a point.                             [method.md 2.6, 5a.5]
@@ -114,12 +122,13 @@ lf_field lf_ray_attention(lf_tape *tape, lf_field q, lf_field kv, const lf_ray_g
                           int heads);
 
 /* One block of the ray -> point transformer: rays hear the point (concatenation, self-interaction,
- * nonlinearity, self-interaction), then the point attends to its rays.             [method.md 5a.5] */
+ * nonlinearity, self-interaction), then the point attends to its rays.             [method.md 5a.5]
+ */
 typedef struct lf_transformer_config {
     long scalars, vectors; /* C0, C1 of points and of updated rays */
     int heads;
-    bool degree2;                 /* also the J = 2 path */
-    bool skip_linear;             /* F <- o + W F instead of F <- F + W o */
+    bool degree2;     /* also the J = 2 path */
+    bool skip_linear; /* F <- o + W F instead of F <- F + W o */
     lf_nonlinearity nonlinearity;
 } lf_transformer_config;
 typedef struct lf_transformer_block {
@@ -136,15 +145,17 @@ void lf_transformer_block_init(lf_store *store, lf_transformer_block *block, con
 void lf_transformer_block_apply(lf_tape *tape, const lf_transformer_block *block, lf_field *rays,
                                 lf_field *point, const lf_ray_geometry *geometry);
 
-/* ---- points to scalars --------------------------------------------------------------------------- */
+/* ---- points to scalars
+ * --------------------------------------------------------------------------- */
 
-/* Vector-neuron LeakyReLU: u = p where <p,k> >= 0, else p - 0.8 <p,k> / (|k|^2 + 1e-6) k, per channel;
- * p, k [.., 3, C].                                                                 [method.md 2.9] */
+/* Vector-neuron LeakyReLU: u = p where <p,k> >= 0, else p - 0.8 <p,k> / (|k|^2 + 1e-6) k, per
+ * channel; p, k [.., 3, C]. [method.md 2.9] */
 lf_tensor *lf_vector_relu(lf_tape *tape, lf_tensor *p, lf_tensor *k);
 /* Inner products per channel: a, b [.., 3, C] -> [.., C]. */
 lf_tensor *lf_inner(lf_tape *tape, lf_tensor *a, lf_tensor *b);
 
-/* Vector neuron layer and inner product to scalars: u = VN(v), <v_i, u_i>.          [method.md 5a.6] */
+/* Vector neuron layer and inner product to scalars: u = VN(v), <v_i, u_i>.          [method.md
+ * 5a.6] */
 typedef struct lf_vector_neuron {
     lf_linear_layer feature, direction;
 } lf_vector_neuron;

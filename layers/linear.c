@@ -1,4 +1,5 @@
-/* linear.c: linear maps, self-interaction (equivariant linear maps), MLP.          [method.md 1.7] */
+/* linear.c: linear maps, self-interaction (equivariant linear maps), MLP.          [method.md 1.7]
+ */
 #include "layers/layers.h"
 
 void lf_linear_init(lf_store *store, lf_linear_layer *layer, const char *prefix, long in, long out,

@@ -10,8 +10,8 @@
  * Keeps      the weights [Q, V, H].
  * Degenerate no view: zeros. One view: weight 1, no gradient to q and k.
  *
- * Products are formed channel by channel and summed per head afterwards, and weights are spread over
- * the channels of their head first, so that all inner loops run over contiguous channels.
+ * Products are formed channel by channel and summed per head afterwards, and weights are spread
+ * over the channels of their head first, so that all inner loops run over contiguous channels.
  */
 #include "layers/layers.h"
 
@@ -89,7 +89,8 @@ static void softmax_views(const attention *t, long q, lf_real *w)
     }
 }
 
-static void forward_point(const attention *t, long q, lf_tensor *const *in, lf_real *o0, lf_real *o1)
+static void forward_point(const attention *t, long q, lf_tensor *const *in, lf_real *o0,
+                          lf_real *o1)
 {
     const long views = t->rays.views, c0 = t->c0, c1 = t->c1;
     const lf_real *q0 = in[0]->value + q * c0, *q1 = c1 ? in[1]->value + 3 * q * c1 : NULL;
@@ -129,7 +130,8 @@ static void backward_ray(const attention *t, const lf_node *node, long q, long v
         add_scaled(by, c0, 1, in[2]->value + 2 * qv * c0, 0, in[0]->grad + q * c0, 0);
     if (in[2]->grad) {
         add_scaled(by, c0, 1, in[0]->value + q * c0, 0, in[2]->grad + 2 * qv * c0, 0);
-        add_scaled(weight, c0, 1, node->out[0]->grad + q * c0, 0, in[2]->grad + 2 * qv * c0 + c0, 0);
+        add_scaled(weight, c0, 1, node->out[0]->grad + q * c0, 0, in[2]->grad + 2 * qv * c0 + c0,
+                   0);
     }
     if (!c1)
         return;
@@ -180,7 +182,8 @@ static void require_shapes(const attention *t, lf_field q, lf_field kv)
     const long n = t->rays.points, rows = n * t->rays.views;
     LF_REQUIRE(t->heads >= 1 && t->heads <= HEADS && t->c0 % t->heads == 0 &&
                    t->c1 % t->heads == 0 && t->c0 <= CHANNELS && t->c1 <= CHANNELS,
-               "lf_ray_attention: %d heads over %ld scalars and %ld vectors", t->heads, t->c0, t->c1);
+               "lf_ray_attention: %d heads over %ld scalars and %ld vectors", t->heads, t->c0,
+               t->c1);
     LF_REQUIRE(t->rays.views <= VIEWS, "lf_ray_attention: %ld views", t->rays.views);
     LF_REQUIRE(q.scalar->size == n * t->c0 && kv.scalar->size == rows * 2 * t->c0,
                "lf_ray_attention: q0 of %ld, kv0 of %ld", q.scalar->size, kv.scalar->size);

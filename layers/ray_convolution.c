@@ -54,8 +54,7 @@ static void moments_backward(const lf_node *node)
         const lf_real *g0 = node->out[0]->grad + q * c, *g1 = node->out[1]->grad + 3 * q * c;
         lf_real *restrict dr = r->grad + qv * c;
         for (long i = 0; i < c; i++)
-            dr[i] += scale * g0[i] +
-                     w * (d[0] * g1[i] + d[1] * g1[c + i] + d[2] * g1[2 * c + i]);
+            dr[i] += scale * g0[i] + w * (d[0] * g1[i] + d[1] * g1[c + i] + d[2] * g1[2 * c + i]);
     }
 }
 
@@ -67,15 +66,16 @@ lf_field lf_ray_moments(lf_tape *tape, lf_tensor *r, const lf_ray_geometry *rays
     lf_field m = {lf_tensor_new(tape, 2, LF_DIMS(rays->points, c)),
                   lf_tensor_new(tape, 3, LF_DIMS(rays->points, 3, c))};
     for (long q = 0; q < rays->points; q++)
-        moments_of_point(rays, q, c, r->value, m.scalar->value + q * c, m.vector->value + 3 * q * c);
+        moments_of_point(rays, q, c, r->value, m.scalar->value + q * c,
+                         m.vector->value + 3 * q * c);
     lf_ray_geometry *saved = lf_alloc(tape, sizeof *saved);
     *saved = *rays;
     lf_record(tape, "ray_moments", moments_backward, saved, LF_IN(r), LF_OUT(m.scalar, m.vector));
     return m;
 }
 
-void lf_ray_convolution_init(lf_store *store, lf_ray_convolution *layer, const char *prefix, long in,
-                             long out0, long out1)
+void lf_ray_convolution_init(lf_store *store, lf_ray_convolution *layer, const char *prefix,
+                             long in, long out0, long out1)
 {
     char name[128];
     snprintf(name, sizeof name, "%s.scalar", prefix);

@@ -1,7 +1,7 @@
 /* transformer.c: one block of the ray -> point transformer                        [method.md 5a.5]
  *
- *   1. rays    r <- W2 act(W1 [r ; F] + b)      per type; W1 [r ; F] = W1r r + W1F F, and the second
- *              product is made once a point and not once a ray
+ *   1. rays    r <- W2 act(W1 [r ; F] + b)      per type; W1 [r ; F] = W1r r + W1F F, and the
+ * second product is made once a point and not once a ray
  *   2. point   k, v = TFN kernels of r along d;  q = B F;  o = attention
  *              F <- F + W o     or, with skip_linear,  F <- o + W F
  */
@@ -55,8 +55,9 @@ void lf_transformer_block_apply(lf_tape *tape, const lf_transformer_block *block
                                 lf_field *point, const lf_ray_geometry *geometry)
 {
     const lf_transformer_config *c = &block->config;
-    lf_field hidden = add_point(tape, lf_self_interaction_apply(tape, &block->from_ray, *rays),
-                                lf_self_interaction_apply(tape, &block->from_point, *point), geometry);
+    lf_field hidden =
+        add_point(tape, lf_self_interaction_apply(tape, &block->from_ray, *rays),
+                  lf_self_interaction_apply(tape, &block->from_point, *point), geometry);
     hidden = lf_nonlinear_apply(tape, &block->nonlinear, hidden);
     *rays = lf_self_interaction_apply(tape, &block->out_ray, hidden);
 
@@ -67,7 +68,8 @@ void lf_transformer_block_apply(lf_tape *tape, const lf_transformer_block *block
     const lf_field query = lf_self_interaction_apply(tape, &block->query, *point);
     const lf_field heard = lf_ray_attention(tape, query, kv, geometry, c->heads);
 
-    const lf_field mixed = lf_self_interaction_apply(tape, &block->mix, c->skip_linear ? *point : heard);
+    const lf_field mixed =
+        lf_self_interaction_apply(tape, &block->mix, c->skip_linear ? *point : heard);
     const lf_field kept = c->skip_linear ? heard : *point;
     point->scalar = lf_add(tape, kept.scalar, mixed.scalar);
     if (block->has_vector)

@@ -47,8 +47,8 @@ extern const op_case core_cases[], image_cases[], layer_cases[];
 extern const int core_case_count, image_case_count, layer_case_count;
 
 /* Relative error of the gradient of all inputs and parameters: the largest difference from central
- * differences (step 1e-5, Richardson-extrapolated) over the largest gradient; every element of small
- * arrays, 40 of large ones. Meaningful in the double build. */
+ * differences (step 1e-5, Richardson-extrapolated) over the largest gradient; every element of
+ * small arrays, 40 of large ones. Meaningful in the double build. */
 double gradient_error(const op_case *c, uint64_t seed);
 
 /* Forward and backward once; writes loss, and the sum of |gradient|; for smoke tests in float. */

@@ -116,9 +116,14 @@ static int sdf_loss(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_ten
     return 1;
 }
 
-#define X(...) {.rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}}
+#define X(...)                                                                                     \
+    {                                                                                              \
+        .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = { __VA_ARGS__ }               \
+    }
 #define FILLED(kind, ...)                                                                          \
-    {.rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}, .fill = (kind)}
+    {                                                                                              \
+        .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}, .fill = (kind) \
+    }
 
 const op_case core_cases[] = {
     {"linear", linear, {X(3, 5, 7), X(7, 4), X(4)}, 3, 0},

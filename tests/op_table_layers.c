@@ -22,7 +22,8 @@ static lf_ray_geometry geometry(const lf_tensor *direction, const lf_tensor *mas
         }                                                                                          \
     } while (0)
 
-/* The struct is kept as bytes in an untrainable parameter: it holds only pointers into the store. */
+/* The struct is kept as bytes in an untrainable parameter: it holds only pointers into the store.
+ */
 static void remember(lf_tape *tape, lf_store *store, const void *layer, size_t size)
 {
     (void)tape;
@@ -112,7 +113,8 @@ static int tfn_scalars(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
 static int attend(lf_tape *tape, lf_tensor *const *in, lf_tensor **out)
 {
     const lf_ray_geometry g = geometry(in[4], in[5]);
-    const lf_field o = lf_ray_attention(tape, (lf_field){in[0], in[1]}, (lf_field){in[2], in[3]}, &g, 2);
+    const lf_field o =
+        lf_ray_attention(tape, (lf_field){in[0], in[1]}, (lf_field){in[2], in[3]}, &g, 2);
     out[0] = o.scalar;
     out[1] = o.vector;
     return 2;
@@ -124,7 +126,8 @@ static int ray_attention(lf_tape *tape, lf_store *store, lf_tensor *const *in, l
     return attend(tape, in, out);
 }
 
-static int ray_attention_unseen(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+static int ray_attention_unseen(lf_tape *tape, lf_store *store, lf_tensor *const *in,
+                                lf_tensor **out)
 {
     (void)store;
     for (long v = 0; v < V; v++) {
@@ -134,7 +137,8 @@ static int ray_attention_unseen(lf_tape *tape, lf_store *store, lf_tensor *const
     return attend(tape, in, out);
 }
 
-static int ray_attention_scalars(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+static int ray_attention_scalars(lf_tape *tape, lf_store *store, lf_tensor *const *in,
+                                 lf_tensor **out)
 {
     (void)store;
     const lf_ray_geometry g = geometry(in[2], in[3]);
@@ -212,11 +216,18 @@ static int mlp(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor *
     return 1;
 }
 
-#define X(...) {.rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}}
+#define X(...)                                                                                     \
+    {                                                                                              \
+        .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = { __VA_ARGS__ }               \
+    }
 #define FILLED(kind, ...)                                                                          \
-    {.rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}, .fill = (kind)}
+    {                                                                                              \
+        .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}, .fill = (kind) \
+    }
 #define DIRECTIONS                                                                                 \
-    {.rank = 3, .dim = {Q, V, 3}, .fill = FILL_UNIT3, .constant = true}
+    {                                                                                              \
+        .rank = 3, .dim = {Q, V, 3}, .fill = FILL_UNIT3, .constant = true                          \
+    }
 #define MASK FILLED(FILL_MASK, Q, V)
 
 const op_case layer_cases[] = {
@@ -230,19 +241,34 @@ const op_case layer_cases[] = {
     {"tfn_paths", tfn_paths, {X(Q, V, 4), X(Q, V, 3, 2), DIRECTIONS, MASK}, 4, 0},
     {"tfn_paths: J = 2", tfn_paths2, {X(Q, V, 4), X(Q, V, 3, 2), DIRECTIONS, MASK}, 4, 0},
     {"tfn_paths: scalars only", tfn_scalars, {X(Q, V, 4), DIRECTIONS, MASK}, 3, 0},
-    {"ray_attention", ray_attention,
-     {X(Q, 4), X(Q, 3, 2), X(Q, V, 8), X(Q, V, 3, 4), DIRECTIONS, MASK}, 6, 0},
-    {"ray_attention: no view, one view", ray_attention_unseen,
-     {X(Q, 4), X(Q, 3, 2), X(Q, V, 8), X(Q, V, 3, 4), DIRECTIONS, MASK}, 6, 0},
-    {"ray_attention: scalars only", ray_attention_scalars,
-     {X(Q, 4), X(Q, V, 8), DIRECTIONS, MASK}, 4, 0},
+    {"ray_attention",
+     ray_attention,
+     {X(Q, 4), X(Q, 3, 2), X(Q, V, 8), X(Q, V, 3, 4), DIRECTIONS, MASK},
+     6,
+     0},
+    {"ray_attention: no view, one view",
+     ray_attention_unseen,
+     {X(Q, 4), X(Q, 3, 2), X(Q, V, 8), X(Q, V, 3, 4), DIRECTIONS, MASK},
+     6,
+     0},
+    {"ray_attention: scalars only",
+     ray_attention_scalars,
+     {X(Q, 4), X(Q, V, 8), DIRECTIONS, MASK},
+     4,
+     0},
     {"ray_convolution", convolution, {X(Q, V, 5), DIRECTIONS, MASK}, 3, 0},
     {"nonlinear: norm", nonlinear_norm, {X(Q, V, 4), X(Q, V, 3, 3)}, 2, 0},
     {"nonlinear: gated", nonlinear_gated, {X(Q, V, 4), X(Q, V, 3, 3)}, 2, 0},
-    {"transformer block: norm", block_norm,
-     {X(Q, V, 5), X(Q, V, 3, 3), X(Q, 4), X(Q, 3, 2), DIRECTIONS, MASK}, 6, 0},
-    {"transformer block: gated, J = 2, first", block_gated,
-     {X(Q, V, 5), X(Q, V, 3, 3), X(Q, 4), X(Q, 3, 2), DIRECTIONS, MASK}, 6, 0},
+    {"transformer block: norm",
+     block_norm,
+     {X(Q, V, 5), X(Q, V, 3, 3), X(Q, 4), X(Q, 3, 2), DIRECTIONS, MASK},
+     6,
+     0},
+    {"transformer block: gated, J = 2, first",
+     block_gated,
+     {X(Q, V, 5), X(Q, V, 3, 3), X(Q, 4), X(Q, 3, 2), DIRECTIONS, MASK},
+     6,
+     0},
     {"vector_neuron", vector_neuron, {X(Q, 3, 4)}, 1, 0},
     {"mlp", mlp, {X(4, 5)}, 1, 0},
 };

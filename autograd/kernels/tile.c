@@ -33,13 +33,6 @@ LF_INLINE void store_row(const int vectors, lf_real *y, long width, const lf_vec
         lf_vec_store_part(y + (vectors - 1) * LF_LANES, last, row[vectors - 1]);
 }
 
-/* max(v, 0) that keeps NaN */
-LF_INLINE lf_vec relu(lf_vec v)
-{
-    const lf_vec zero = {0};
-    return (lf_vec)(~(v < zero) & (__typeof__(v < zero))v);
-}
-
 LF_INLINE void product(const int rows, const int vectors, const lf_product *p,
                        const lf_real *const *x, lf_real *const *y)
 {
@@ -66,7 +59,7 @@ LF_INLINE void product(const int rows, const int vectors, const lf_product *p,
     }
     if (p->act == LF_RELU)
         UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
-            relu(sum[r][v]);
+            lf_vec_relu(sum[r][v]);
     UNROLL for (int r = 0; r < rows; r++) store_row(vectors, y[r] + p->column, p->width, sum[r]);
 }
 

@@ -43,6 +43,19 @@ LF_INLINE lf_vec lf_vec_all(lf_real x)
     return x - (lf_vec){0};
 }
 
+/* max(v, 0), and NaN where v is NaN */
+LF_INLINE lf_vec lf_vec_relu(lf_vec v)
+{
+    const lf_vec zero = {0};
+#if defined(__AVX512F__) && defined(LF_DOUBLE)
+    return (lf_vec)_mm512_max_pd((__m512d)zero, (__m512d)v); /* of a NaN: the second operand */
+#elif defined(__AVX512F__)
+    return (lf_vec)_mm512_max_ps((__m512)zero, (__m512)v);
+#else
+    return (lf_vec)(~(v < zero) & (__typeof__(v < zero))v);
+#endif
+}
+
 /* The first n numbers at p, zeros behind; 0 <= n <= LF_LANES. Nothing beyond them is read. */
 LF_INLINE lf_vec lf_vec_load_part(const lf_real *p, long n)
 {

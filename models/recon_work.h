@@ -1,0 +1,55 @@
+/* recon_work.h: how a training step and an evaluation of the reconstruction model run.
+ *
+ * Features of all views are computed once on one tape; query points are split into tiles, each with
+ * a small tape of its own that a worker resets and reuses. Tile gradients of the head's parameters
+ * go to a fixed number of lanes chosen by tile number and are summed in lane order, so the result
+ * has the same bits for any number of threads.                             [docs/architecture.md]
+ */
+#ifndef LF_MODELS_RECON_WORK_H
+#define LF_MODELS_RECON_WORK_H
+
+#include "models/recon.h"
+
+enum { LF_RECON_LANES = 8 };
+
+/* What is known of Q points and the views that may see them; all arrays are the caller's. */
+typedef struct lf_recon_points {
+    long count, views;
+    const double *uv;        /* [Q, V, 2] pixels */
+    const double *direction; /* [Q, V, 3] unit, camera to point */
+    const double *distance;  /* [Q, V] */
+    const uint8_t *mask;     /* [Q, V] 1 = seen */
+    const long *first;       /* [Q] the point's first image among the images */
+} lf_recon_points;
+
+typedef struct lf_recon_work lf_recon_work;
+
+/* Workspace of a model; `tile` points a tile. Free it before the model. */
+lf_recon_work *lf_recon_work_create(const lf_recon *model, long tile);
+void lf_recon_work_free(lf_recon_work *work);
+/* Check every op for NaN and infinities: slower. See lf_recon_nonfinite. */
+void lf_recon_work_check(lf_recon_work *work, bool on);
+/* The first op that produced one in the last step ("forward of softmax"), or NULL. */
+const char *lf_recon_nonfinite(const lf_recon_work *work);
+/* Bytes of all tapes, lanes and buffers at their largest. */
+size_t lf_recon_work_bytes(const lf_recon_work *work);
+
+/* Forward and backward of one batch: images [N, H, W, C] (read only), true distances sdf [Q]. Sets
+ * the store's gradients (of the mean over the points) and updates running statistics. Returns the
+ * mean loss. */
+double lf_recon_step(lf_recon_work *work, long images, const lf_real *image,
+                     const lf_recon_points *points, const float *sdf,
+                     const lf_sdf_loss_config *loss);
+
+/* Evaluation: features of one object's views, kept until the next call; then distances (divided by
+ * `scale` already) of any points. valid[q] = some view sees the point. Not for two threads at once;
+ * points are spread over threads inside. */
+void lf_recon_encode(lf_recon_work *work, long images, const lf_real *image);
+void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double scale, float *sdf,
+                      uint8_t *valid);
+
+/* Multiply-adds of one training step by formula (useful operations, forward; a step is about three
+ * times that): backbone on `images`, head on `points` x `views`. */
+double lf_recon_macs(const lf_recon *model, long images, long points, long views);
+
+#endif

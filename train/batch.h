@@ -1,0 +1,48 @@
+/* batch.h: which shapes, views and points a training step sees.
+ *
+ * A pure function of (config, step): epochs are shuffled lists of the shapes, a step takes the next
+ * train.shapes_per_step of them, one draw of the setting each, and train.points_per_shape of their
+ * stored points. Nothing depends on earlier calls, so a resumed run sees the same batches.
+ */
+#ifndef LF_TRAIN_BATCH_H
+#define LF_TRAIN_BATCH_H
+
+#include "configs/configs.h"
+#include "datasets/shapes.h"
+#include "models/recon_work.h"
+
+typedef struct lf_batches lf_batches;
+
+/* Keeps references to both arguments. */
+lf_batches *lf_batches_create(const lf_config *cfg, const lf_shapes *shapes);
+void lf_batches_free(lf_batches *batches);
+
+/* Steps in an epoch, rounded up. */
+long lf_batches_epoch(const lf_batches *batches);
+
+typedef struct lf_batch {
+    long images; /* shapes_per_step * 8 */
+    const lf_real *image;
+    lf_recon_points points;
+    const float *sdf;
+} lf_batch;
+
+/* The batch of a step; its memory is the batches' and lasts until the next call. */
+lf_batch lf_batches_at(lf_batches *batches, long step);
+
+/* Projections of points of one shape (p -> object * p) into its views; the arrays of `out` are the
+ * caller's: uv [n, 8, 2], direction [n, 8, 3], distance [n, 8], mask [n, 8]. */
+typedef struct lf_projection {
+    double *uv, *direction, *distance;
+    uint8_t *mask;
+    long *first;
+} lf_projection;
+lf_projection lf_projection_create(long points, long views);
+void lf_projection_free(lf_projection *p);
+lf_recon_points lf_projection_points(const lf_projection *p, long count, long views);
+/* Fill the points [at, at + count) from `point`, seen by the 8 views whose images start at `first`.
+ */
+void lf_projection_fill(lf_projection *p, long at, long count, const double (*point)[3],
+                        const lf_shape_views *views, long first);
+
+#endif

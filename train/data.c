@@ -1,0 +1,45 @@
+/* data.c: the [data] keys as options of the shapes. */
+#include "train/trainer.h"
+
+static lf_views_options views_options(const lf_config *cfg)
+{
+    lf_views_options v = {.size = (int)lf_config_int(cfg, "data.image_size"),
+                          .render = lf_render_defaults()};
+    lf_error err;
+    const lf_status status =
+        lf_setting_parse(lf_config_choice(cfg, "data.setting"), &v.setting, &err);
+    LF_REQUIRE(status == LF_OK, "%s", err.text);
+    if (lf_config_is(cfg, "data.channels", "colour"))
+        v.render.mode = LF_RENDER_COLOUR;
+    v.render.rays = (int)lf_config_int(cfg, "data.supersample");
+    v.render.light.head = lf_config_is(cfg, "data.light", "head");
+    return v;
+}
+
+lf_shapes_options lf_shapes_options_from(const lf_config *cfg, const char *split)
+{
+    const char *root = lf_config_string(cfg, "data.root");
+    const bool train = strcmp(split, "train") == 0, builtin = strcmp(root, LF_BUILTIN) == 0;
+    const long most = train                       ? 0
+                      : strcmp(split, "val") == 0 ? lf_config_int(cfg, "data.val_shapes")
+                                                  : lf_config_int(cfg, "data.test_shapes");
+    lf_shapes_options o = {
+        .root = root,
+        .category = lf_config_string(cfg, "data.category"),
+        .split = split,
+        .limit = most,
+        .sign = lf_config_is(cfg, "data.sign", "escape")    ? LF_SDF_ESCAPE
+                : lf_config_is(cfg, "data.sign", "winding") ? LF_SDF_WINDING
+                                                            : LF_SDF_COMBINED,
+        .thickness = lf_config_real(cfg, "data.thickness"),
+        .points_uniform = lf_config_int(cfg, "data.points_uniform"),
+        .points_near = lf_config_int(cfg, "data.points_near"),
+        .views = views_options(cfg),
+        .draws = train ? lf_config_int(cfg, "data.draws") : 1,
+        /* what is evaluated must not change with the seed of a training */
+        .seed = train ? (uint64_t)lf_config_int(cfg, "train.seed") : 1,
+    };
+    o.builtin = builtin ? (train ? lf_config_int(cfg, "data.shapes") : most)
+                        : lf_config_int(cfg, "data.extra_builtin");
+    return o;
+}

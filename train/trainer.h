@@ -1,0 +1,40 @@
+/* trainer.h: one training from its config: data, model, optimiser, loop.       [docs/tour.md]
+ *
+ * The same config gives the same bits, whatever the number of threads, and whether the run was
+ * stopped and resumed or not.
+ */
+#ifndef LF_TRAIN_TRAINER_H
+#define LF_TRAIN_TRAINER_H
+
+#include <signal.h>
+
+#include "configs/configs.h"
+#include "datasets/shapes.h"
+#include "models/checkpoint.h"
+#include "models/recon_work.h"
+#include "train/batch.h"
+
+typedef struct lf_train_options {
+    const char *out;         /* run folder, made if needed */
+    const char *resume;      /* checkpoint to start from, or NULL; cfg is then the one inside it */
+    lf_training_state start; /* of that checkpoint */
+    bool fresh;              /* resume into a new run folder instead of the checkpoint's own */
+    bool quiet, overfit, check_finite;
+    const volatile sig_atomic_t *stop; /* set by the user's interrupt; may be NULL */
+} lf_train_options;
+
+/* Train to the last step. LF_STOPPED: interrupted, the checkpoint is saved. LF_FAILED: too many bad
+ * steps in a row, or the disk refused. */
+lf_status lf_train(const lf_config *cfg, const lf_train_options *options, lf_error *err);
+
+/* Options of a split of a config's data, as training uses them. */
+lf_shapes_options lf_shapes_options_from(const lf_config *cfg, const char *split);
+
+/* Shapes to validate on, with fixed points. */
+typedef struct lf_validation {
+    double loss; /* as in training, mean over the points of all shapes */
+    double iou;  /* of the signs at the uniform points, mean over shapes */
+} lf_validation;
+lf_validation lf_validate(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes);
+
+#endif
