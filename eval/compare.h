@@ -20,11 +20,10 @@ typedef struct lf_compare_options {
 lf_compare_options lf_compare_defaults(void);
 
 /* Score the mesh in file `predicted` against the one in file `truth` and print a JSON object to
- * `out`: predicted, truth, iou, chamfer_l1 (times 10), accuracy and completeness (times 10 as
- * well), empty, normalised, longest_edge (of the truth, in the files' unit), the faces and the
- * occupancy of both, metric. A predicted file with vertices but without faces of positive area is
- * an empty prediction, not an error. LF_BAD_INPUT: a file that cannot be read as a mesh, a truth
- * without area, options out of range; nothing is printed then. */
+ * `out`; docs/formats.md names its keys. Chamfer, accuracy and completeness are times 10. A
+ * predicted mesh without area is an empty prediction, not an error; a file without faces is one.
+ * LF_BAD_INPUT: a file that cannot be read as a mesh, a truth without area, options out of range;
+ * nothing is printed then. */
 lf_status lf_compare_meshes(const char *predicted, const char *truth,
                             const lf_compare_options *options, FILE *out, lf_error *err);
 

@@ -94,7 +94,8 @@ static void shifted_box_whole(void **state)
 static void scale_is_the_truths(void **state)
 {
     (void)state;
-    const lf_metric_options options = lf_metric_defaults();
+    lf_metric_options options = lf_metric_defaults();
+    options.samples = 20000;
     const double matrix[9] = {7, 0, 0, 0, 7, 0, 0, 0, 7}, shift[3] = {100, -50, 3};
     lf_mesh *a = lf_mesh_sphere(4, 0.4, origin), *b = lf_mesh_torus(0.4, 0.15, 60, 40);
     const lf_score before = score(a, b, &options);
