@@ -62,37 +62,27 @@ static void test_basis_is_normalised(void **state)
     }
 }
 
-/* The 3x3 basis of the cutoff 3r, written down from its definition: member 0 the centre, then ring
- * 1 with m = 0, cos, sin of 1, 2, 3. x to the right, y up. */
-static double explicit_member(int member, int row, int col, int a)
+/* Ring 1 of the 3x3 basis at (x, y), x to the right and y up, turned by `turn`, before scaling. */
+static double ring_harmonic(int m, bool sine, double x, double y, double turn)
 {
-    const double x = col - 1, y = 1 - row, d = hypot(x, y);
-    if (member == 0)
-        return d == 0;
-    const int m = member / 2;
-    double value = 0, energy = 0;
-    for (int i = 0; i < 10; i++) { /* i = 9: the wanted pixel, turned; else its norm */
-        const double px = i == 9 ? x : i % 3 - 1, py = i == 9 ? y : 1 - i / 3;
-        const double r = hypot(px, py), turn = i == 9 ? 2 * PI * a / 8 : 0;
-        const double angle = m * (atan2(py, px) - turn);
-        const double harmonic = member % 2 || m == 0 ? cos(angle) : sin(angle);
-        const double profile = exp(-(r - 1) * (r - 1) / (2 * 0.4 * 0.4));
-        const double v = m > 0 && r == 0 ? 0 : profile * harmonic;
-        if (i == 9)
-            value = v;
-        else
-            energy += v * v;
-    }
-    return value / sqrt(energy);
+    const double r = hypot(x, y), angle = m * (atan2(y, x) - turn);
+    if (m > 0 && r == 0)
+        return 0;
+    return exp(-(r - 1) * (r - 1) / (2 * 0.4 * 0.4)) * (sine ? sin(angle) : cos(angle));
 }
 
-/* member 1 is m = 0; then cos 1, sin 1, cos 2, ...: renumber so that member / 2 is m */
+/* The 3x3 basis of the cutoff 3r written down from its definition: the centre, then ring 1 with
+ * frequency 0 and cos, sin of 1, 2, 3, each of unit norm when it is not turned. */
 static double explicit_basis(int b, int row, int col, int a)
 {
-    if (b <= 1)
-        return explicit_member(b, row, col, a);
-    const int m = b / 2; /* 2,3 -> 1; 4,5 -> 2; 6,7 -> 3 */
-    return explicit_member(b % 2 ? 2 * m : 2 * m + 1, row, col, a);
+    const int m = b / 2;
+    const bool sine = b > 1 && b % 2;
+    double energy = 0;
+    if (b == 0)
+        return row == 1 && col == 1;
+    for (int p = 0; p < 9; p++)
+        energy += pow(ring_harmonic(m, sine, p % 3 - 1, 1 - p / 3, 0), 2);
+    return ring_harmonic(m, sine, col - 1, 1 - row, 2 * PI * a / 8) / sqrt(energy);
 }
 
 static void test_expand_is_the_formula(void **state)
