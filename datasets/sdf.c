@@ -10,7 +10,9 @@
  * distance inside and are left out of it.
  * Orientation for the winding number: each part of the soup (sdf_soup.c) is turned so that more
  * directions escape in front of it than behind, weighted by area. A part is left out where the two
- * differ by less than a third of their sum: hidden parts, sheets, bowls up to the hemisphere.
+ * differ by less than a third of their sum: hidden parts, sheets, shallow bowls. An open bowl as
+ * deep as a hemisphere cannot be told from a closed surface with a third of its faces missing; it
+ * is filled.
  * Combined: inside by the escape rule, or winding number above 1/2 and less than half of the
  * directions escape.
  */

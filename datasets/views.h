@@ -27,6 +27,18 @@ lf_status lf_views_make(const lf_surface *surface, const lf_views_options *optio
                         uint64_t draw, uint64_t item, lf_camera camera[LF_CUBE_VIEWS],
                         double object[9], float *images, lf_error *err);
 
+/* The images alone, of cameras and object rotation that the caller gives (a draw of
+ * lf_setting_draw, or one that was turned since): square cameras of options->size pixels;
+ * options->setting is not used. Errors as lf_views_make. */
+lf_status lf_views_render(const lf_surface *surface, const lf_views_options *options,
+                          const lf_camera camera[LF_CUBE_VIEWS], const double object[9],
+                          float *images, lf_error *err);
+
+/* The same for cameras and an object rotation of the caller's. */
+lf_status lf_views_render(const lf_surface *surface, const lf_views_options *options,
+                          const lf_camera camera[LF_CUBE_VIEWS], const double object[9],
+                          float *images, lf_error *err);
+
 #ifdef __cplusplus
 }
 #endif
