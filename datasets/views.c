@@ -38,37 +38,11 @@ lf_status lf_views_render(const lf_surface *surface, const lf_views_options *opt
     return LF_OK;
 }
 
-lf_status lf_views_render(const lf_surface *surface, const lf_views_options *options,
-                          const lf_camera camera[LF_CUBE_VIEWS], const double object[9],
-                          float *images, lf_error *err)
-{
-    if (options->size < 2 || options->size > 8192)
-        return lf_fail(err, LF_BAD_INPUT, "image size %d, allowed are 2 ... 8192", options->size);
-    if (options->render.rays < 1 || options->render.rays > 16)
-        return lf_fail(err, LF_BAD_INPUT, "%d rays an edge of a pixel, allowed are 1 ... 16",
-                       options->render.rays);
-    lf_motion back = {.translation = {0, 0, 0}};
-    lf_rotation_transpose(object, back.rotation);
-    lf_render_options render = options->render;
-    render.light = lf_light_rotate(&options->render.light, back.rotation);
-    const long floats = lf_views_floats(options) / LF_CUBE_VIEWS;
-    for (int v = 0; v < LF_CUBE_VIEWS; v++) {
-        const lf_camera turned = lf_camera_move(&camera[v], &back);
-        lf_render(surface, &turned, &render, images + v * floats);
-    }
-    return LF_OK;
-}
-
 lf_status lf_views_make(const lf_surface *surface, const lf_views_options *options, uint64_t seed,
                         uint64_t draw, uint64_t item, lf_camera camera[LF_CUBE_VIEWS],
                         double object[9], float *images, lf_error *err)
 {
-    lf_camera drawn[LF_CUBE_VIEWS];
-    double turn[9];
-    const int size = options->size < 2 ? 2 : options->size; /* refused by the renderer */
-    lf_setting_draw(options->setting, size, seed, draw, item, drawn, turn);
-    LF_TRY(lf_views_render(surface, options, drawn, turn, images, err));
-    memcpy(camera, drawn, sizeof drawn);
-    memcpy(object, turn, sizeof turn);
-    return LF_OK;
+    LF_TRY(check_options(options, err));
+    lf_setting_draw(options->setting, options->size, seed, draw, item, camera, object);
+    return lf_views_render(surface, options, camera, object, images, err);
 }

@@ -34,11 +34,6 @@ lf_status lf_views_render(const lf_surface *surface, const lf_views_options *opt
                           const lf_camera camera[LF_CUBE_VIEWS], const double object[9],
                           float *images, lf_error *err);
 
-/* The same for cameras and an object rotation of the caller's. */
-lf_status lf_views_render(const lf_surface *surface, const lf_views_options *options,
-                          const lf_camera camera[LF_CUBE_VIEWS], const double object[9],
-                          float *images, lf_error *err);
-
 #ifdef __cplusplus
 }
 #endif
