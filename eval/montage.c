@@ -83,7 +83,7 @@ static lf_status draw_mesh(lf_image *canvas, const lf_mesh *mesh, const float co
                            int viewpoint, int cell, int left, int top, lf_error *err)
 {
     const double centres[2][3] = {{1.5, 1.1, -1.66}, {-2.1, 0.7, -1.16}}, origin[3] = {0, 0, 0};
-    const double half_angle = 0.23; /* radians; radius 0.58 at the cameras' distance of 2.5 */
+    const double half_angle = 0.215; /* radians; radius 0.54 at the cameras' distance of 2.5 */
     const lf_camera camera = lf_camera_look_at(centres[viewpoint], origin, half_angle, cell);
     if (!mesh || mesh->faces < 1 || !(lf_mesh_area(mesh) > 0))
         return LF_OK;

@@ -30,7 +30,7 @@ check() {
                 print $0
         }')
     if [ -n "$bad" ]; then
-        printf '%s may include %s only:\n%s\n' "$folder" "$*" "$bad" >&2
+        printf '%s may include only its own headers and those of: %s\n%s\n' "$folder" "${*:-none}" "$bad" >&2
         failed=1
     fi
 }
@@ -41,7 +41,8 @@ check layers autograd
 check datasets
 check models layers autograd configs
 check train models layers autograd datasets configs
-check eval models layers autograd datasets configs
+# evaluation reads data and runs as training does
+check eval train models layers autograd datasets configs
 
 cpp=$(find configs autograd layers datasets models train eval bench tests -type f \
     \( -name '*.cc' -o -name '*.cpp' -o -name '*.cxx' -o -name '*.hpp' \) 2>/dev/null |
