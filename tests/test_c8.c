@@ -205,9 +205,9 @@ static double eighth_turn_defect(int size, double width)
 static void test_eighth_turn_of_smooth_images(void **state)
 {
     (void)state;
-    assert_below(eighth_turn_defect(3, 4), 0.08);
-    assert_below(eighth_turn_defect(7, 4), 0.08);
-    assert_below(eighth_turn_defect(3, 16), 0.02);
+    assert_below(eighth_turn_defect(3, 4), 0.01);
+    assert_below(eighth_turn_defect(7, 4), 0.01);
+    assert_below(eighth_turn_defect(3, 16), 0.001);
 }
 
 /* ---- norm ------------------------------------------------------------------------------------ */
