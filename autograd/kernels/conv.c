@@ -32,8 +32,13 @@ typedef struct class
 {
     long taps[2];
     long i0, j0;
-    const lf_real *panels; /* [ceil(channels / LF_PANEL)][terms][panel_step] */
+    const lf_real *panels; /* one after another: [terms][panel_step] */
 } class;
+
+/* Panels [first, first + count) of the result's channels. */
+typedef struct panel_range {
+    long first, count;
+} panel_range;
 
 typedef struct plan {
     lf_gather from;
@@ -48,9 +53,10 @@ static lf_real *align(lf_real *p)
     return (lf_real *)(((uintptr_t)p + 63) / 64 * 64);
 }
 
-static long panels_of(long channels)
+/* Numbers in a row of all panels. */
+static long padded(long channels)
 {
-    return (channels + LF_PANEL - 1) / LF_PANEL;
+    return lf_panel_step(channels);
 }
 
 static long min(long a, long b)
@@ -60,34 +66,30 @@ static long min(long a, long b)
 
 /* ---- the grid -------------------------------------------------------------------------------- */
 
-/* All columns of the result for `count` pixels. */
-static void run_pixels(const plan *p, const class *c, const lf_gathered *in, long count,
-                       const lf_real *const *x, lf_real *const *y)
+/* The columns of the given panels of the result, for `count` pixels. */
+static void run_pixels(const plan *p, const class *c, panel_range only, const lf_gathered *in,
+                       long count, const lf_real *const *x, lf_real *const *y)
 {
     const long depth = c->taps[0] * c->taps[1] * p->from.channels;
-    const lf_real *panel = c->panels;
-    for (long j = 0; j < p->to.channels; j += LF_PANEL) {
-        _Alignas(64) lf_real start[LF_PANEL] = {0};
-        const long width = min(p->to.channels - j, LF_PANEL);
+    for (long k = only.first; k < only.first + only.count; k++) {
+        _Alignas(64) lf_real start[LF_LAST_PANEL] = {0};
+        const long j = k * LF_PANEL, width = lf_panel_width(p->to.channels, j);
         if (p->bias)
             memcpy(start, p->bias + j, (size_t)width * sizeof *start);
         const lf_product t = {.window = {c->taps[0], c->taps[1] * p->from.channels, in->pitch},
-                              .panel = panel,
+                              .panel = c->panels + k * LF_PANEL * depth,
                               .panel_step = lf_panel_step(width),
                               .column = j,
                               .width = width,
                               .start = p->accumulate ? NULL : start,
                               .act = p->act};
-        for (long r = 0, n; r < count; r += n) {
-            n = lf_next_part(count - r, LF_TILE);
-            lf_tile_product(&t, n, x + r, y + r);
-        }
-        panel += depth * t.panel_step;
+        lf_tile_product(&t, count, x, y);
     }
 }
 
 /* One class over one gathered block: list the pixels' addresses, a chunk at a time. */
-static void run_class(const plan *p, const class *c, const lf_block *b, const lf_gathered *in)
+static void run_class(const plan *p, const class *c, panel_range only, const lf_block *b,
+                      const lf_gathered *in)
 {
     const lf_real *x[CHUNK];
     lf_real *y[CHUNK];
@@ -105,32 +107,38 @@ static void run_class(const plan *p, const class *c, const lf_block *b, const lf
             x[count] = in->line[l] + j * g->stride * g->channels + skip;
             y[count++] = to->image + ((n * to->height + h) * to->width + v) * to->channels;
             if (count == CHUNK) {
-                run_pixels(p, c, in, count, x, y);
+                run_pixels(p, c, only, in, count, x, y);
                 count = 0;
             }
         }
     }
-    run_pixels(p, c, in, count, x, y);
+    run_pixels(p, c, only, in, count, x, y);
 }
 
-static void run_block(const plan *p, long classes, const class *c, const lf_block *b)
+static void run_block(const plan *p, long classes, const class *c, panel_range only,
+                      const lf_block *b)
 {
     _Alignas(64) lf_real buffer[LF_GATHER];
     lf_gathered in;
     lf_gather_fetch(&p->from, b, buffer, &in);
     for (long k = 0; k < classes; k++)
-        run_class(p, &c[k], b, &in);
+        run_class(p, &c[k], only, b, &in);
 }
 
-/* Every class over the whole grid, parallel over blocks. */
-static void run_grid(const plan *p, long classes, const class *c)
+/* One block for all pixels, parallel over panels: a filter larger than the image is then read by
+ * one thread only, the one that packed it. */
+static void run_panels(const plan *p, long classes, const class *c, const lf_block *all)
+{
+#pragma omp parallel for schedule(static)
+    for (long k = 0; k < lf_panels(p->to.channels); k++)
+        run_block(p, classes, c, (panel_range){k, 1}, all);
+}
+
+/* Parallel over blocks of lines and columns. */
+static void run_blocks(const plan *p, long classes, const class *c, lf_block size, long threads)
 {
     const lf_gather *g = &p->from;
-    const long threads = omp_in_parallel() ? 1 : omp_get_max_threads();
     const long total = g->images * g->lines;
-    if (total == 0)
-        return;
-    lf_block size = lf_gather_block(g, (total + threads - 1) / threads);
     const long across = (g->columns + size.columns - 1) / size.columns;
     /* a multiple of the threads, so that they end together */
     long down = (total + size.lines - 1) / size.lines;
@@ -142,8 +150,24 @@ static void run_grid(const plan *p, long classes, const class *c)
         b.lines = min(b.lines, total - b.line);
         b.columns = min(b.columns, g->columns - b.column);
         if (b.lines > 0)
-            run_block(p, classes, c, &b);
+            run_block(p, classes, c, (panel_range){0, lf_panels(p->to.channels)}, &b);
     }
+}
+
+/* Every class over the whole grid. */
+static void run_grid(const plan *p, long classes, const class *c)
+{
+    const lf_gather *g = &p->from;
+    const long threads = omp_in_parallel() ? 1 : omp_get_max_threads();
+    const long total = g->images * g->lines;
+    if (total == 0)
+        return;
+    const lf_block size = lf_gather_block(g, total);
+    if (size.lines == total && size.columns == g->columns && total * g->columns <= CHUNK &&
+        lf_panels(p->to.channels) % threads == 0)
+        run_panels(p, classes, c, &size);
+    else
+        run_blocks(p, classes, c, lf_gather_block(g, (total + threads - 1) / threads), threads);
 }
 
 /* ---- forward --------------------------------------------------------------------------------- */
@@ -158,11 +182,11 @@ static lf_gather windows(const lf_conv *s, const lf_real *x)
 static const lf_real *pack_filter(const lf_conv *s, const lf_real *w, lf_real *panels)
 {
     const long depth = s->size * s->size * s->in;
-    if (s->out <= LF_PANEL && s->out % LF_LANES == 0 && (uintptr_t)w % LF_VEC_BYTES == 0)
+    if (s->out <= LF_LAST_PANEL && s->out % LF_LANES == 0 && (uintptr_t)w % LF_VEC_BYTES == 0)
         return w;
 #pragma omp parallel for schedule(static)
-    for (long k = 0; k < panels_of(s->out); k++)
-        lf_pack(depth, min(s->out - k * LF_PANEL, LF_PANEL), w + k * LF_PANEL, s->out,
+    for (long k = 0; k < lf_panels(s->out); k++)
+        lf_pack(depth, lf_panel_width(s->out, k * LF_PANEL), w + k * LF_PANEL, s->out,
                 panels + k * depth * LF_PANEL);
     return panels;
 }
@@ -194,7 +218,7 @@ static long taps_of(const lf_conv *s, long r)
 static void pack_class_panel(const lf_conv *s, const lf_real *w, long r, long q, long k,
                              lf_real *panel)
 {
-    const long width = min(s->in - k * LF_PANEL, LF_PANEL);
+    const long width = lf_panel_width(s->in, k * LF_PANEL);
     for (long p = taps_of(s, r) - 1; p >= 0; p--)
         for (long o = taps_of(s, q) - 1; o >= 0; o--) {
             const long tap = (r + p * s->stride) * s->size + q + o * s->stride;
@@ -212,9 +236,9 @@ static lf_real *make_class(const lf_conv *s, const lf_real *w, long r, long q, l
     const long depth = taps_of(s, r) * taps_of(s, q) * s->out;
     *c = (class){{taps_of(s, r), taps_of(s, q)}, shift + r, shift + q, panels};
 #pragma omp parallel for schedule(static)
-    for (long k = 0; k < panels_of(s->in); k++)
+    for (long k = 0; k < lf_panels(s->in); k++)
         pack_class_panel(s, w, r, q, k, panels + k * depth * LF_PANEL);
-    return panels + panels_of(s->in) * depth * LF_PANEL;
+    return panels + depth * padded(s->in);
 }
 
 /* The grid of dx: point (i, j) sees the output pixels that reach the inputs of its classes. */
@@ -278,8 +302,8 @@ lf_conv lf_conv_shape(long images, long height, long width, long in, long out, l
 long lf_conv_scratch(const lf_conv *s)
 {
     const long taps = s->size * s->size, slack = 64 / (long)sizeof(lf_real);
-    const long forward = taps * s->in * panels_of(s->out) * LF_PANEL;
-    const long dx = taps * s->out * panels_of(s->in) * LF_PANEL;
+    const long forward = taps * s->in * padded(s->out);
+    const long dx = taps * s->out * padded(s->in);
     const long dw = lf_conv_lanes(s) * (taps * s->in + 1) * s->out;
     const long most = forward > dx ? forward : dx;
     return slack + (most > dw ? most : dw);

@@ -48,48 +48,68 @@ static void add_panel(const lf_conv *s, const lf_pixels *g, const lf_gathered *i
 {
     const long run = s->size * s->in;
     for (long p = 0; p < s->size; p++)
-        for (long i = 0, n; i < run; i += n) {
-            n = lf_next_part(run - i, LF_TILE);
-            lf_tile_outer(g, n, width, in->line[line] + p * in->pitch + i, dy,
-                          dw + (p * run + i) * s->out, s->out);
-        }
+        lf_tile_outer(g, run, width, in->line[line] + p * in->pitch, dy, dw + p * run * s->out,
+                      s->out);
 }
 
-/* Lines [line, line + lines) of a gathered block; dy is the block's first pixel there. */
-static void add_lines(const part *t, const lf_block *b, const lf_gathered *in, long line,
-                      long lines, const lf_real *dy)
+/* dy of the pixels of g as rows of whole vectors in buffer; returns g with dy's steps there. */
+static lf_pixels pack_pixels(const lf_pixels *g, const lf_real *dy, long width, lf_real *buffer)
 {
-    _Alignas(64) lf_real buffer[(PIXELS + 1) * LF_PANEL];
+    const long step = lf_panel_step(width);
+    lf_pixels packed = *g;
+    packed.y_step = step;
+    packed.y_line = g->columns * step;
+    packed.y_image = g->lines * packed.y_line;
+    for (long n = 0; n < g->images; n++)
+        for (long l = 0; l < g->lines; l++)
+            lf_pack(g->columns, width, dy + n * g->y_image + l * g->y_line, g->y_step,
+                    buffer + n * packed.y_image + l * packed.y_line);
+    return packed;
+}
+
+/* At most PIXELS pixels of a gathered block from its line `line` on; dy is the first one's. */
+static void add_pixels(const part *t, const lf_pixels *g, const lf_gathered *in, long line,
+                       const lf_real *dy)
+{
+    _Alignas(64) lf_real buffer[PIXELS * LF_LAST_PANEL];
     const lf_conv *s = t->s;
-    lf_pixels g = {
-        lines, b->columns, s->stride * in->pitch, s->stride * s->in, s->out_width * s->out, s->out};
-    for (long j = t->first; j < t->first + t->columns; j += LF_PANEL) {
-        const long width = min(s->out - j, LF_PANEL);
-        if (width % LF_LANES == 0) {
-            add_panel(s, &g, in, line, dy + j, width, t->dw + j);
+    for (long j = t->first, width; j < t->first + t->columns; j += width) {
+        width = lf_panel_width(s->out, j);
+        if (width == lf_panel_step(width)) {
+            add_panel(s, g, in, line, dy + j, width, t->dw + j);
             continue;
         }
-        const long step = lf_panel_step(width);
-        const lf_pixels packed = {lines, b->columns, g.x_line, g.x_step, b->columns * step, step};
-        for (long l = 0; l < lines; l++)
-            lf_pack(b->columns, width, dy + l * g.y_line + j, s->out, buffer + l * packed.y_line);
+        const lf_pixels packed = pack_pixels(g, dy + j, width, buffer);
         add_panel(s, &packed, in, line, buffer, width, t->dw + j);
     }
-    for (long l = 0; t->db && l < lines; l++)
-        lf_column_sums(b->columns, t->columns, dy + l * g.y_line + t->first, s->out,
-                       t->db + t->first);
+    for (long n = 0; t->db && n < g->images; n++)
+        for (long l = 0; l < g->lines; l++)
+            lf_column_sums(g->columns, t->columns, dy + n * g->y_image + l * g->y_line + t->first,
+                           s->out, t->db + t->first);
 }
 
+/* A block inside one image, some lines at a time, or of several whole images. */
 static void add_block(const part *t, const lf_gather *g, const lf_block *b)
 {
     _Alignas(64) lf_real buffer[LF_GATHER];
+    const lf_conv *s = t->s;
     lf_gathered in;
     lf_gather_fetch(g, b, buffer, &in);
-    const long most = PIXELS / b->columns < 1 ? 1 : PIXELS / b->columns;
-    for (long l = 0, lines; l < b->lines; l += lines) {
-        lines = lf_next_part(b->lines - l, most);
-        add_lines(t, b, &in, l, lines,
-                  t->dy + ((b->line + l) * t->s->out_width + b->column) * t->s->out);
+    const lf_real *dy = t->dy + (b->line * s->out_width + b->column) * s->out;
+    const long line = s->out_width * s->out;
+    lf_pixels all = {1, 0, b->columns, 0, s->stride * in.pitch, s->stride * s->in, 0, line, s->out};
+    if (b->lines > g->lines) {
+        all.images = b->lines / g->lines;
+        all.lines = g->lines;
+        all.x_image = in.line[g->lines] - in.line[0];
+        all.y_image = g->lines * line;
+        add_pixels(t, &all, &in, 0, dy);
+        return;
+    }
+    const long most = PIXELS / b->columns;
+    for (long l = 0; l < b->lines; l += all.lines) {
+        all.lines = lf_next_part(b->lines - l, most);
+        add_pixels(t, &all, &in, l, dy + l * line);
     }
 }
 
@@ -103,6 +123,22 @@ static void add_image(const part *t, const lf_gather *g, long image)
                                 min(size.columns, g->columns - j)};
             add_block(t, g, &b);
         }
+}
+
+/* All images, several at a time if they are small: a filter larger than the caches should not be
+ * read and written for every few pixels. */
+static void add_images(const part *t, const lf_gather *g)
+{
+    const long fit = lf_gather_block(g, g->images * g->lines).lines / g->lines;
+    const long each = min(fit, PIXELS / (g->lines * g->columns));
+    for (long n = 0, count; n < g->images; n += count) {
+        count = each < 2 ? 1 : min(each, g->images - n);
+        const lf_block b = {n * g->lines, count * g->lines, 0, g->columns};
+        if (count == 1)
+            add_image(t, g, n);
+        else
+            add_block(t, g, &b);
+    }
 }
 
 /* ---- lanes ----------------------------------------------------------------------------------- */
@@ -142,10 +178,10 @@ void lf_kernel_conv_dw(const lf_conv *s, const lf_real *x, const lf_real *dy, lf
     }
     if (lanes == 1) {
 #pragma omp parallel for schedule(static)
-        for (long j = 0; j < s->out; j += LF_PANEL) {
-            const part t = {s, x, dy, dw, db, j, min(s->out - j, LF_PANEL)};
-            for (long n = 0; n < s->images; n++)
-                add_image(&t, &g, n);
+        for (long k = 0; k < lf_panels(s->out); k++) {
+            const long j = k * LF_PANEL;
+            const part t = {s, x, dy, dw, db, j, lf_panel_width(s->out, j)};
+            add_images(&t, &g);
         }
         return;
     }

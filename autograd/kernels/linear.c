@@ -23,7 +23,7 @@ static lf_real dot(long n, const lf_real *x, const lf_real *w)
 {
     lf_vec sum = {0}, more = {0};
     long i = 0;
-    for (; i + LF_PANEL <= n; i += LF_PANEL) {
+    for (; i + 2 * LF_LANES <= n; i += 2 * LF_LANES) {
         sum += lf_vec_load(x + i) * lf_vec_load(w + i);
         more += lf_vec_load(x + i + LF_LANES) * lf_vec_load(w + i + LF_LANES);
     }
@@ -73,29 +73,28 @@ void lf_kernel_linear_dx(long rows, long in, long out, const lf_real *dy, const 
     lf_product_all(&p, PARALLEL_ROWS);
 }
 
-/* dw += x^T dy over a block of rows, for the columns of one panel; dy readable in whole vectors. */
-static void dw_panel(long rows, long in, long out, const lf_real *x, const lf_real *dy,
-                     long dy_step, long width, lf_real *dw)
+/* dw += x^T dy for the columns [j, j + width) of one panel, over a block of rows. Whole vectors are
+ * read from dy, so its last rows, from which they would pass the end, go through a buffer. */
+static void dw_panel(long rows, long in, long out, const lf_real *x, const lf_real *dy, long j,
+                     long width, lf_real *dw)
 {
-    const lf_pixels g = {1, rows, 0, in, 0, dy_step};
-    for (long i = 0, n; i < in; i += n) {
-        n = lf_next_part(in - i, LF_TILE);
-        lf_tile_outer(&g, n, width, x + i, dy, dw + i * out, out);
-    }
+    _Alignas(64) lf_real buffer[LF_LANES * LF_LAST_PANEL];
+    const long step = lf_panel_step(width), passing = (j + step + out - 1) / out - 1;
+    const long last = width == step ? 0 : passing < rows ? passing : rows, most = rows - last;
+    const lf_pixels direct = {
+        .images = 1, .lines = 1, .columns = most, .x_step = in, .y_step = out};
+    const lf_pixels packed = {
+        .images = 1, .lines = 1, .columns = last, .x_step = in, .y_step = step};
+    lf_pack(last, width, dy + most * out + j, out, buffer);
+    lf_tile_outer(&direct, in, width, x, dy + j, dw + j, out);
+    if (last > 0)
+        lf_tile_outer(&packed, in, width, x + most * in, buffer, dw + j, out);
 }
 
 static void dw_block(long rows, long in, long out, const lf_real *x, const lf_real *dy, lf_real *dw)
 {
-    _Alignas(64) lf_real buffer[DW_ROWS * LF_PANEL];
-    for (long j = 0; j < out; j += LF_PANEL) {
-        const long width = out - j < LF_PANEL ? out - j : LF_PANEL;
-        if (width % LF_LANES == 0) {
-            dw_panel(rows, in, out, x, dy + j, out, width, dw + j);
-            continue;
-        }
-        lf_pack(rows, width, dy + j, out, buffer);
-        dw_panel(rows, in, out, x, buffer, lf_panel_step(width), width, dw + j);
-    }
+    for (long k = 0; k < lf_panels(out); k++)
+        dw_panel(rows, in, out, x, dy, k * LF_PANEL, lf_panel_width(out, k * LF_PANEL), dw);
 }
 
 void lf_kernel_linear_dw(long rows, long in, long out, const lf_real *x, const lf_real *dy,

@@ -1,8 +1,9 @@
 /* product.c: y (+)= x b for rows in blocks of the cache (product.h).
  *
- * For each block of ROWS rows, of DEPTH terms of the sum and of LF_PANEL columns: pack that part of
- * b into a panel that stays in L1 (unless b is as narrow as a panel and lies right already), then
- * run the tiles over the rows. A row's sum is cut at multiples of DEPTH and goes through memory.
+ * For each block of ROWS rows, of DEPTH terms of the sum and of one panel's columns: pack that part
+ * of b into a panel that stays in L1 (unless b is as narrow as a panel and lies right already),
+ * then run the tiles over the rows. A row's sum is cut at multiples of DEPTH and goes through
+ * memory.
  */
 #include <omp.h>
 #include <stdint.h>
@@ -12,22 +13,6 @@
 #include "autograd/kernels/tile.h"
 
 enum { ROWS = 480, DEPTH = 256 };
-
-/* Tiles of one panel over `rows` rows whose terms start at x and whose results start at y. */
-static void run_tiles(const lf_product *t, long rows, const lf_real *x, long x_step, lf_real *y,
-                      long y_step)
-{
-    const lf_real *from[LF_TILE];
-    lf_real *to[LF_TILE];
-    for (long r = 0, n; r < rows; r += n) {
-        n = lf_next_part(rows - r, LF_TILE);
-        for (long i = 0; i < n; i++) {
-            from[i] = x + (r + i) * x_step;
-            to[i] = y + (r + i) * y_step;
-        }
-        lf_tile_product(t, n, from, to);
-    }
-}
 
 static bool usable_as_panel(const lf_blocked *p, long width)
 {
@@ -52,9 +37,8 @@ static void set_panel(const lf_blocked *p, long k, long depth, lf_product *t, lf
 /* All terms of one panel's columns for the rows [first, first + rows). */
 static void run_panel(const lf_blocked *p, long first, long rows, long column)
 {
-    _Alignas(64) lf_real buffer[DEPTH * LF_PANEL], start[LF_PANEL] = {0};
-    lf_product t = {.column = column,
-                    .width = p->out - column < LF_PANEL ? p->out - column : LF_PANEL};
+    _Alignas(64) lf_real buffer[DEPTH * LF_LAST_PANEL], start[LF_LAST_PANEL] = {0};
+    lf_product t = {.column = column, .width = lf_panel_width(p->out, column)};
     if (p->bias)
         memcpy(start, p->bias + column, (size_t)t.width * sizeof *start);
     long k = 0;
@@ -63,7 +47,8 @@ static void run_panel(const lf_blocked *p, long first, long rows, long column)
         set_panel(p, k, depth, &t, buffer);
         t.start = k == 0 && !p->accumulate ? start : NULL;
         t.act = k + depth == p->in ? p->act : LF_IDENTITY;
-        run_tiles(&t, rows, p->x + first * p->in + k, p->in, p->y + first * p->out, p->out);
+        lf_tile_product_even(&t, rows, p->x + first * p->in + k, p->in, p->y + first * p->out,
+                             p->out);
         k += depth;
     } while (k < p->in);
 }
@@ -71,8 +56,8 @@ static void run_panel(const lf_blocked *p, long first, long rows, long column)
 void lf_product_rows(const lf_blocked *p, long first, long rows)
 {
     for (long r = 0; r < rows; r += ROWS)
-        for (long j = 0; j < p->out; j += LF_PANEL)
-            run_panel(p, first + r, rows - r < ROWS ? rows - r : ROWS, j);
+        for (long k = 0; k < lf_panels(p->out); k++)
+            run_panel(p, first + r, rows - r < ROWS ? rows - r : ROWS, k * LF_PANEL);
 }
 
 void lf_product_all(const lf_blocked *p, long parallel_from)

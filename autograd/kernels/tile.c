@@ -7,47 +7,60 @@
 
 #define UNROLL _Pragma("GCC unroll 16")
 
-/* ---- product --------------------------------------------------------------------------------- */
+/* ---- rows of a result ------------------------------------------------------------------------ */
 
-typedef void product_fn(const lf_product *p, const lf_real *const *x, lf_real *const *y);
-
-/* Load or store one row of a tile whose last vector holds `width` % LF_LANES numbers or is whole.
- */
+/* `width` numbers at y as vectors; the last may be partial. */
 LF_INLINE void load_row(const int vectors, const lf_real *y, long width, lf_vec *row)
 {
     const long last = width - (vectors - 1) * LF_LANES;
-    if (vectors == 2)
-        row[0] = lf_vec_load(y);
-    row[vectors - 1] = last == LF_LANES ? lf_vec_load(y + (vectors - 1) * LF_LANES)
-                                        : lf_vec_load_part(y + (vectors - 1) * LF_LANES, last);
+    UNROLL for (int v = 0; v < vectors - 1; v++) row[v] = lf_vec_load(y + v * LF_LANES);
+    y += (vectors - 1) * LF_LANES;
+    row[vectors - 1] = last == LF_LANES ? lf_vec_load(y) : lf_vec_load_part(y, last);
 }
 
 LF_INLINE void store_row(const int vectors, lf_real *y, long width, const lf_vec *row)
 {
     const long last = width - (vectors - 1) * LF_LANES;
-    if (vectors == 2)
-        lf_vec_store(y, row[0]);
+    UNROLL for (int v = 0; v < vectors - 1; v++) lf_vec_store(y + v * LF_LANES, row[v]);
+    y += (vectors - 1) * LF_LANES;
     if (last == LF_LANES)
-        lf_vec_store(y + (vectors - 1) * LF_LANES, row[vectors - 1]);
+        lf_vec_store(y, row[vectors - 1]);
     else
-        lf_vec_store_part(y + (vectors - 1) * LF_LANES, last, row[vectors - 1]);
+        lf_vec_store_part(y, last, row[vectors - 1]);
 }
 
-LF_INLINE void product(const int rows, const int vectors, const lf_product *p,
-                       const lf_real *const *x, lf_real *const *y)
+/* ---- product --------------------------------------------------------------------------------- */
+
+/* Where a tile's rows are: listed, or evenly spaced. */
+typedef struct places {
+    const lf_real *const *x;
+    lf_real *const *y;
+    const lf_real *x0;
+    lf_real *y0;
+    long x_step, y_step;
+} places;
+
+LF_INLINE lf_real *result_row(const bool even, const lf_product *p, const places *at, int r)
 {
-    lf_vec sum[LF_TILE][2];
+    return (even ? at->y0 + r * at->y_step : at->y[r]) + p->column;
+}
+
+LF_INLINE void product(const int rows, const int vectors, const bool even, const lf_product *p,
+                       const places *at)
+{
+    lf_vec sum[LF_TILE][3];
     const lf_real *from[LF_TILE];
     const lf_real *b = p->panel;
-    UNROLL for (int r = 0; r < rows; r++) from[r] = x[r];
+    UNROLL for (int r = 0; r < rows; r++) from[r] = even ? at->x0 + r * at->x_step : at->x[r];
     if (p->start)
         UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
             lf_vec_load(p->start + v * LF_LANES);
     else
-        UNROLL for (int r = 0; r < rows; r++) load_row(vectors, y[r] + p->column, p->width, sum[r]);
+        UNROLL for (int r = 0; r < rows; r++)
+            load_row(vectors, result_row(even, p, at, r), p->width, sum[r]);
     for (long s = 0; s < p->window.segments; s++) {
         for (long k = 0; k < p->window.run; k++, b += p->panel_step) {
-            lf_vec bv[2];
+            lf_vec bv[3];
             UNROLL for (int v = 0; v < vectors; v++) bv[v] = lf_vec_load(b + v * LF_LANES);
             UNROLL for (int r = 0; r < rows; r++)
             {
@@ -60,23 +73,22 @@ LF_INLINE void product(const int rows, const int vectors, const lf_product *p,
     if (p->act == LF_RELU)
         UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
             lf_vec_relu(sum[r][v]);
-    UNROLL for (int r = 0; r < rows; r++) store_row(vectors, y[r] + p->column, p->width, sum[r]);
+    UNROLL for (int r = 0; r < rows; r++)
+        store_row(vectors, result_row(even, p, at, r), p->width, sum[r]);
 }
 
 /* ---- outer ----------------------------------------------------------------------------------- */
 
-typedef void outer_fn(const lf_pixels *g, long width, const lf_real *x, const lf_real *y,
-                      lf_real *w, long w_step);
-
 LF_INLINE void outer(const int rows, const int vectors, const lf_pixels *g, long width,
                      const lf_real *x, const lf_real *y, lf_real *w, long w_step)
 {
-    lf_vec sum[LF_TILE][2];
+    lf_vec sum[LF_TILE][3];
     UNROLL for (int i = 0; i < rows; i++) load_row(vectors, w + i * w_step, width, sum[i]);
-    for (long l = 0; l < g->lines; l++) {
-        const lf_real *xp = x + l * g->x_line, *yp = y + l * g->y_line;
+    for (long l = 0, n = 0; n < g->images; l + 1 < g->lines ? l++ : (l = 0, n++)) {
+        const lf_real *xp = x + n * g->x_image + l * g->x_line;
+        const lf_real *yp = y + n * g->y_image + l * g->y_line;
         for (long j = 0; j < g->columns; j++, xp += g->x_step, yp += g->y_step) {
-            lf_vec yv[2];
+            lf_vec yv[3];
             UNROLL for (int v = 0; v < vectors; v++) yv[v] = lf_vec_load(yp + v * LF_LANES);
             UNROLL for (int i = 0; i < rows; i++)
             {
@@ -90,46 +102,94 @@ LF_INLINE void outer(const int rows, const int vectors, const lf_pixels *g, long
 
 /* ---- one function a size --------------------------------------------------------------------- */
 
+typedef void product_fn(const lf_product *p, const places *at);
+typedef void outer_fn(const lf_pixels *g, long width, const lf_real *x, const lf_real *y,
+                      lf_real *w, long w_step);
+
 #define TILE(rows, vectors)                                                                        \
-    static void product_##rows##x##vectors(const lf_product *p, const lf_real *const *x,           \
-                                           lf_real *const *y)                                      \
+    static void listed_##rows##x##vectors(const lf_product *p, const places *at)                   \
     {                                                                                              \
-        product(rows, vectors, p, x, y);                                                           \
+        product(rows, vectors, false, p, at);                                                      \
+    }                                                                                              \
+    static void even_##rows##x##vectors(const lf_product *p, const places *at)                     \
+    {                                                                                              \
+        product(rows, vectors, true, p, at);                                                       \
     }                                                                                              \
     static void outer_##rows##x##vectors(const lf_pixels *g, long width, const lf_real *x,         \
                                          const lf_real *y, lf_real *w, long w_step)                \
     {                                                                                              \
         outer(rows, vectors, g, width, x, y, w, w_step);                                           \
     }
-#define TILES(rows) TILE(rows, 1) TILE(rows, 2)
-TILES(1)
-TILES(2)
-TILES(3) TILES(4) TILES(5) TILES(6)
-#define PRODUCTS_6(v)                                                                              \
-    product_1x##v, product_2x##v, product_3x##v, product_4x##v, product_5x##v, product_6x##v
-#define OUTERS_6(v) outer_1x##v, outer_2x##v, outer_3x##v, outer_4x##v, outer_5x##v, outer_6x##v
+#define TILES_4(v) TILE(1, v) TILE(2, v) TILE(3, v) TILE(4, v)
+#define TILES_6(v) TILES_4(v) TILE(5, v) TILE(6, v)
+#define TILES_8(v) TILES_6(v) TILE(7, v) TILE(8, v)
+#define TILES_12(v) TILES_8(v) TILE(9, v) TILE(10, v) TILE(11, v) TILE(12, v)
+#define NAMES_4(f, v) f##_1x##v, f##_2x##v, f##_3x##v, f##_4x##v
+#define NAMES_6(f, v) NAMES_4(f, v), f##_5x##v, f##_6x##v
+#define NAMES_8(f, v) NAMES_6(f, v), f##_7x##v, f##_8x##v
+#define NAMES_12(f, v) NAMES_8(f, v), f##_9x##v, f##_10x##v, f##_11x##v, f##_12x##v
+
 #if defined(__AVX512F__) || defined(__aarch64__)
-    TILES(7) TILES(8) TILES(9) TILES(10) TILES(11) TILES(12)
-#define PRODUCTS(v)                                                                                \
-    PRODUCTS_6(v), product_7x##v, product_8x##v, product_9x##v, product_10x##v, product_11x##v,    \
-        product_12x##v
-#define OUTERS(v)                                                                                  \
-    OUTERS_6(v), outer_7x##v, outer_8x##v, outer_9x##v, outer_10x##v, outer_11x##v, outer_12x##v
+TILES_12(1)
+TILES_12(2)
+TILES_8(3)
+#define TABLE(f)                                                                                   \
+    {                                                                                              \
+        {NAMES_12(f, 1)}, {NAMES_12(f, 2)},                                                        \
+        {                                                                                          \
+            NAMES_8(f, 3)                                                                          \
+        }                                                                                          \
+    }
 #else
-#define PRODUCTS(v) PRODUCTS_6(v)
-#define OUTERS(v) OUTERS_6(v)
+TILES_6(1)
+TILES_6(2)
+TILES_4(3)
+#define TABLE(f)                                                                                   \
+    {                                                                                              \
+        {NAMES_6(f, 1)}, {NAMES_6(f, 2)},                                                          \
+        {                                                                                          \
+            NAMES_4(f, 3)                                                                          \
+        }                                                                                          \
+    }
 #endif
 
-        static product_fn *const products[2][LF_TILE] = {{PRODUCTS(1)}, {PRODUCTS(2)}};
-static outer_fn *const outers[2][LF_TILE] = {{OUTERS(1)}, {OUTERS(2)}};
+    static product_fn *const listed[3][LF_TILE] = TABLE(listed);
+static product_fn *const even[3][LF_TILE] = TABLE(even);
+static outer_fn *const outers[3][LF_TILE] = TABLE(outer);
+
+/* Row of the tables for a width. */
+static long table_row(long width)
+{
+    return (width - 1) / LF_LANES;
+}
 
 void lf_tile_product(const lf_product *p, long rows, const lf_real *const *x, lf_real *const *y)
 {
-    products[p->width > LF_LANES][rows - 1](p, x, y);
+    const long most = lf_tile_rows(p->width);
+    places at = {.x = x, .y = y};
+    for (long n; rows > 0; rows -= n, at.x += n, at.y += n) {
+        n = lf_next_part(rows, most);
+        listed[table_row(p->width)][n - 1](p, &at);
+    }
+}
+
+void lf_tile_product_even(const lf_product *p, long rows, const lf_real *x, long x_step, lf_real *y,
+                          long y_step)
+{
+    const long most = lf_tile_rows(p->width);
+    places at = {.x0 = x, .y0 = y, .x_step = x_step, .y_step = y_step};
+    for (long n; rows > 0; rows -= n, at.x0 += n * x_step, at.y0 += n * y_step) {
+        n = lf_next_part(rows, most);
+        even[table_row(p->width)][n - 1](p, &at);
+    }
 }
 
 void lf_tile_outer(const lf_pixels *g, long rows, long width, const lf_real *x, const lf_real *y,
                    lf_real *w, long w_step)
 {
-    outers[width > LF_LANES][rows - 1](g, width, x, y, w, w_step);
+    const long most = lf_tile_rows(width);
+    for (long n; rows > 0; rows -= n, x += n, w += n * w_step) {
+        n = lf_next_part(rows, most);
+        outers[table_row(width)][n - 1](g, width, x, y, w, w_step);
+    }
 }

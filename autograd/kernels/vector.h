@@ -21,10 +21,7 @@ typedef lf_real lf_vec __attribute__((vector_size(LF_VEC_BYTES)));
 typedef lf_real lf_vec_mem
     __attribute__((vector_size(LF_VEC_BYTES), aligned(sizeof(lf_real)), may_alias));
 
-enum {
-    LF_LANES = LF_VEC_BYTES / sizeof(lf_real), /* numbers in a vector */
-    LF_PANEL = 2 * LF_LANES                    /* columns of the widest register tile */
-};
+enum { LF_LANES = LF_VEC_BYTES / sizeof(lf_real) }; /* numbers in a vector */
 
 #define LF_INLINE static inline __attribute__((always_inline))
 
