@@ -2,8 +2,10 @@
  *
  * A file is read once into memory. A scan of elf's own (one for each format) walks it strictly:
  * every coordinate, index and size is checked and errors name the line. Then OpenMesh's reader
- * gets the same bytes and delivers the geometry. The scan counts what OpenMesh must deliver, so
- * that nothing is dropped without a word, and collects the colours.
+ * delivers the geometry, from the same bytes (OBJ, OFF) or from a plain binary copy (PLY, STL) that
+ * the scan writes: OpenMesh's own parsers of headers and words can hang on a damaged file. The scan
+ * counts what OpenMesh must deliver, so that nothing is dropped without a word, and collects the
+ * colours.
  */
 #ifndef LF_DATASETS_MESH_FILE_H
 #define LF_DATASETS_MESH_FILE_H
@@ -32,7 +34,14 @@ typedef struct lf_scan {
     long degenerate; /* that it drops (OBJ, STL): fewer than three different corners */
     long missing_colours;
     float (*colour)[3];
+    lf_bytes clean; /* what OpenMesh reads instead of the file, if data is not NULL */
+    size_t clean_capacity;
+    bool binary; /* OpenMesh must be told that an STL is binary */
 } lf_scan;
+
+/* Append a number to `clean`, least significant byte first; a text as it is. */
+void lf_scan_emit(lf_scan *scan, const void *number, size_t size);
+void lf_scan_emit_text(lf_scan *scan, const char *text);
 
 void lf_scan_free(lf_scan *scan);
 
@@ -79,8 +88,8 @@ typedef struct lf_soup {
 void lf_soup_free(lf_soup *soup);
 
 /* Read the bytes of a file of the given ending ("obj", "ply", "off", "stl"). */
-lf_status lf_openmesh_read(const char *path, const char *ending, lf_bytes file, lf_soup *out,
-                           lf_error *err);
+lf_status lf_openmesh_read(const char *path, const char *ending, lf_bytes file, bool binary,
+                           lf_soup *out, lf_error *err);
 
 /* Whether the half-edge mesh takes every face. */
 bool lf_openmesh_manifold(const lf_mesh *mesh);

@@ -286,7 +286,7 @@ extern "C" void lf_soup_free(lf_soup *soup)
 }
 
 extern "C" lf_status lf_openmesh_read(const char *path, const char *ending, lf_bytes file,
-                                      lf_soup *out, lf_error *err)
+                                      bool binary, lf_soup *out, lf_error *err)
 {
     try {
         SoupImporter importer;
@@ -295,6 +295,8 @@ extern "C" lf_status lf_openmesh_read(const char *path, const char *ending, lf_b
             const Quiet quiet;
             std::istringstream in(std::string(file.data, file.size), std::ios::binary);
             IO::Options options;
+            if (binary)
+                options += IO::Options::Binary;
             done = IO::IOManager().read(in, ending, importer, options);
         }
         if (!done)

@@ -103,6 +103,14 @@ static lf_status header_property(ply *p, lf_error *err)
     return LF_OK;
 }
 
+static const element *find_element(const ply *p, const char *name)
+{
+    for (int i = 0; i < p->elements; i++)
+        if (!strcmp(p->element[i].name, name))
+            return &p->element[i];
+    return NULL;
+}
+
 static lf_status header_element(ply *p, lf_error *err)
 {
     lf_text *t = &p->text;
@@ -113,6 +121,9 @@ static lf_status header_element(ply *p, lf_error *err)
     /* every element takes a byte or more, so the file's size bounds the count */
     const long most = p->end - p->at < INT32_MAX ? (long)(p->end - p->at) : INT32_MAX;
     LF_TRY(header_word(t, e->name, err));
+    if (find_element(p, e->name))
+        return lf_fail(err, LF_BAD_INPUT, "%s:%ld: a second element '%s'", t->path, t->line,
+                       e->name);
     LF_TRY(lf_text_integer(t, "the element's count", 0, most, &e->count, err));
     e->properties = 0;
     p->elements++;
@@ -261,10 +272,27 @@ static int channel(const property *q)
     return -1;
 }
 
+static bool is_axis(const property *q)
+{
+    return q->list_type < 0 && q->name[0] >= 'x' && q->name[0] <= 'z' && !q->name[1];
+}
+
+static void keep_face(ply *p, long corners, const float colour[3])
+{
+    const int32_t count = (int32_t)corners;
+    lf_scan_emit(&p->scan, &count, sizeof count);
+    for (long i = 0; i < corners; i++) {
+        const int32_t index = (int32_t)p->corner[i];
+        lf_scan_emit(&p->scan, &index, sizeof index);
+    }
+    memcpy(p->scan.colour[p->scan.faces++], colour, 3 * sizeof *colour);
+}
+
 static lf_status scan_item(ply *p, const element *e, long item, lf_error *err)
 {
     const bool vertex = !strcmp(e->name, "vertex"), face = !strcmp(e->name, "face");
     float colour[3] = {LF_MESH_GREY, LF_MESH_GREY, LF_MESH_GREY};
+    float position[3] = {0};
     long corners = -1;
     for (int i = 0; i < e->properties; i++) {
         const property *q = &e->property[i];
@@ -276,8 +304,10 @@ static lf_status scan_item(ply *p, const element *e, long item, lf_error *err)
             continue;
         }
         LF_TRY(next_value(p, e, item, q->type, &x, err));
-        if (vertex && strlen(q->name) == 1 && strchr("xyz", q->name[0]))
+        if (vertex && is_axis(q)) {
             LF_TRY(lf_coordinate_check(x, p->text.path, "vertex", item, err));
+            position[q->name[0] - 'x'] = (float)x;
+        }
         if (channel(q) >= 0) {
             const double c = types[q->type].kind == 'f' ? x : x / 255;
             colour[channel(q)] = (float)(c >= 0 ? (c <= 1 ? c : 1) : 0);
@@ -286,8 +316,11 @@ static lf_status scan_item(ply *p, const element *e, long item, lf_error *err)
     if (face && corners < 0)
         return lf_fail(err, LF_BAD_INPUT, "%s: the faces have no list vertex_indices",
                        p->text.path);
+    if (vertex)
+        for (int i = 0; i < 3; i++)
+            lf_scan_emit(&p->scan, &position[i], sizeof *position);
     if (face)
-        memcpy(p->scan.colour[p->scan.faces++], colour, sizeof colour);
+        keep_face(p, corners, colour);
     return LF_OK;
 }
 
@@ -309,25 +342,30 @@ static lf_status scan_element(ply *p, const element *e, lf_error *err)
     return LF_OK;
 }
 
-static const element *find_element(const ply *p, const char *name)
+static void write_clean_header(ply *p, long vertices, long faces)
 {
-    for (int i = 0; i < p->elements; i++)
-        if (!strcmp(p->element[i].name, name))
-            return &p->element[i];
-    return NULL;
+    char text[320];
+    snprintf(text, sizeof text,
+             "ply\nformat binary_little_endian 1.0\nelement vertex %ld\nproperty float x\n"
+             "property float y\nproperty float z\nelement face %ld\n"
+             "property list int int vertex_indices\nend_header\n",
+             vertices, faces);
+    lf_scan_emit_text(&p->scan, text);
 }
 
 static lf_status scan_ply(ply *p, lf_error *err)
 {
     LF_TRY(scan_header(p, err));
     const element *vertex = find_element(p, "vertex"), *face = find_element(p, "face");
-    int axes = 0;
+    unsigned axes = 0;
     for (int i = 0; vertex && i < vertex->properties; i++)
-        axes += strlen(vertex->property[i].name) == 1 && strchr("xyz", vertex->property[i].name[0]);
-    if (!vertex || !face || axes != 3)
+        if (is_axis(&vertex->property[i]))
+            axes |= 1U << (vertex->property[i].name[0] - 'x');
+    if (!vertex || !face || axes != 7 || face < vertex)
         return lf_fail(err, LF_BAD_INPUT,
-                       "%s: a mesh needs an element vertex with x, y, z and an element face",
+                       "%s: a mesh needs an element vertex with x, y, z and then an element face",
                        p->text.path);
+    write_clean_header(p, vertex->count, face->count);
     p->scan.vertices = vertex->count;
     p->scan.colour = malloc(((size_t)face->count + 1) * sizeof *p->scan.colour);
     LF_REQUIRE(p->scan.colour, "no memory for the colours of %ld faces", face->count);

@@ -129,7 +129,8 @@ static lf_status read_bytes(const char *path, int format, lf_bytes file, lf_mesh
         status = lf_fail(err, LF_BAD_INPUT, "%s: the mesh has %ld vertices and %ld usable faces",
                          path, scan.vertices < 0 ? 0 : scan.vertices, scan.faces);
     if (status == LF_OK)
-        status = lf_openmesh_read(path, formats[format].ending, file, &soup, err);
+        status = lf_openmesh_read(path, formats[format].ending, scan.clean.data ? scan.clean : file,
+                                  scan.binary, &soup, err);
     if (status == LF_OK)
         status = compare(path, &scan, &soup, err);
     if (status == LF_OK) {

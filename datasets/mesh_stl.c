@@ -8,18 +8,61 @@
 
 enum { HEAD = 84, FACET = 50 };
 
+static uint32_t little_endian(const char *at)
+{
+    const unsigned char *b = (const unsigned char *)at;
+    return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
+}
+
+static double little_endian_float(const char *at)
+{
+    const uint32_t bits = little_endian(at);
+    float x;
+    memcpy(&x, &bits, sizeof x);
+    return (double)x;
+}
+
 static bool same(const double a[3], const double b[3])
 {
     return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
 }
 
 /* OpenMesh merges equal positions and drops a facet with two of them. */
-static void count_facet(lf_scan *scan, double corner[3][3])
+static void keep_facet(lf_scan *scan, double corner[3][3])
 {
+    const float zero = 0;
+    const uint16_t attribute = 0;
+    for (int i = 0; i < 3; i++)
+        lf_scan_emit(scan, &zero, sizeof zero);
+    for (int i = 0; i < 9; i++) {
+        const float x = (float)corner[i / 3][i % 3];
+        lf_scan_emit(scan, &x, sizeof x);
+        corner[i / 3][i % 3] = (double)x;
+    }
+    lf_scan_emit(scan, &attribute, sizeof attribute);
     if (same(corner[0], corner[1]) || same(corner[1], corner[2]) || same(corner[2], corner[0]))
         scan->degenerate++;
     else
         scan->faces++;
+}
+
+/* The head of the clean copy: blanks and a place for the count. */
+static void begin_clean(lf_scan *scan)
+{
+    char head[HEAD + 1];
+    memset(head, ' ', HEAD);
+    head[HEAD] = 0;
+    lf_scan_emit_text(scan, head);
+    scan->binary = true;
+}
+
+static void end_clean(lf_scan *scan)
+{
+    const uint32_t count = (uint32_t)(scan->faces + scan->degenerate);
+    const size_t size = scan->clean.size;
+    scan->clean.size = HEAD - sizeof count;
+    lf_scan_emit(scan, &count, sizeof count);
+    scan->clean.size = size;
 }
 
 /* Binary if the size agrees with the count: many binary files also begin with "solid". */
@@ -27,8 +70,7 @@ static bool is_binary(lf_bytes file, uint32_t *count)
 {
     if (file.size < HEAD)
         return false;
-    const unsigned char *b = (const unsigned char *)file.data + 80;
-    *count = (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
+    *count = little_endian(file.data + 80);
     if (file.size == HEAD + (size_t)*count * FACET)
         return true;
     return memcmp(file.data, "solid", 5) != 0;
@@ -42,14 +84,13 @@ static lf_status scan_binary(const char *path, lf_bytes file, uint32_t count, lf
                        "%s: a binary STL of %u facets has %zu bytes, the file has %zu", path, count,
                        HEAD + (size_t)count * FACET, file.size);
     for (uint32_t i = 0; i < count; i++) {
-        float raw[9];
+        const char *at = file.data + HEAD + (size_t)i * FACET + 12;
         double corner[3][3];
-        memcpy(raw, file.data + HEAD + (size_t)i * FACET + 12, sizeof raw);
         for (int j = 0; j < 9; j++) {
-            corner[j / 3][j % 3] = (double)raw[j];
-            LF_TRY(lf_coordinate_check((double)raw[j], path, "facet", (long)i, err));
+            corner[j / 3][j % 3] = little_endian_float(at + 4 * j);
+            LF_TRY(lf_coordinate_check(corner[j / 3][j % 3], path, "facet", (long)i, err));
         }
-        count_facet(scan, corner);
+        keep_facet(scan, corner);
     }
     return LF_OK;
 }
@@ -75,7 +116,7 @@ static lf_status scan_text(lf_text *t, lf_scan *scan, lf_error *err)
             if (corners != 3)
                 return lf_fail(err, LF_BAD_INPUT, "%s:%ld: a facet has %d vertices, needs 3",
                                t->path, t->line, corners);
-            count_facet(scan, corner);
+            keep_facet(scan, corner);
             corners = 0;
         } else if (lf_text_is(word, length, "endsolid")) {
             ended = true;
@@ -87,20 +128,29 @@ static lf_status scan_text(lf_text *t, lf_scan *scan, lf_error *err)
     return LF_OK;
 }
 
-lf_status lf_scan_stl(const char *path, lf_bytes file, lf_scan *out, lf_error *err)
+static lf_status scan_stl(lf_bytes file, lf_text *t, lf_scan *scan, lf_error *err)
 {
     uint32_t count = 0;
+    if (is_binary(file, &count))
+        return scan_binary(t->path, file, count, scan, err);
+    if (file.size >= 5 && memcmp(file.data, "solid", 5) == 0)
+        return scan_text(t, scan, err);
+    return lf_fail(err, LF_BAD_INPUT,
+                   "%s: neither a text STL (begins with solid) nor a binary one (84 bytes and "
+                   "50 a facet; the file has %zu)",
+                   t->path, file.size);
+}
+
+lf_status lf_scan_stl(const char *path, lf_bytes file, lf_scan *out, lf_error *err)
+{
     lf_scan scan = {.vertices = -1};
     lf_text t = lf_text_open(path, file);
-    if (is_binary(file, &count))
-        LF_TRY(scan_binary(path, file, count, &scan, err));
-    else if (file.size >= 5 && memcmp(file.data, "solid", 5) == 0)
-        LF_TRY(scan_text(&t, &scan, err));
+    begin_clean(&scan);
+    const lf_status status = scan_stl(file, &t, &scan, err);
+    end_clean(&scan);
+    if (status == LF_OK)
+        *out = scan;
     else
-        return lf_fail(err, LF_BAD_INPUT,
-                       "%s: neither a text STL (begins with solid) nor a binary one (84 bytes and "
-                       "50 a facet; the file has %zu)",
-                       path, file.size);
-    *out = scan;
-    return LF_OK;
+        lf_scan_free(&scan);
+    return status;
 }

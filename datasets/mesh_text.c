@@ -43,7 +43,33 @@ lf_status lf_bytes_read(const char *path, lf_bytes *out, lf_error *err)
 void lf_scan_free(lf_scan *scan)
 {
     free(scan->colour);
+    free(scan->clean.data);
     *scan = (lf_scan){0};
+}
+
+static char *make_room(lf_scan *scan, size_t size)
+{
+    if (scan->clean.size + size > scan->clean_capacity) {
+        scan->clean_capacity = 2 * scan->clean_capacity + size + 1024;
+        scan->clean.data = realloc(scan->clean.data, scan->clean_capacity);
+        LF_REQUIRE(scan->clean.data, "no memory for %zu bytes", scan->clean_capacity);
+    }
+    scan->clean.size += size;
+    return scan->clean.data + scan->clean.size - size;
+}
+
+void lf_scan_emit(lf_scan *scan, const void *number, size_t size)
+{
+    const uint16_t one = 1;
+    const bool little = *(const unsigned char *)&one == 1;
+    char *to = make_room(scan, size);
+    for (size_t i = 0; i < size; i++)
+        to[i] = ((const char *)number)[little ? i : size - 1 - i];
+}
+
+void lf_scan_emit_text(lf_scan *scan, const char *text)
+{
+    memcpy(make_room(scan, strlen(text)), text, strlen(text));
 }
 
 int lf_distinct3(long n, const long *corner)
