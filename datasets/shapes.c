@@ -157,8 +157,7 @@ size_t lf_shapes_bytes(const lf_shapes *s)
     return (size_t)s->count * (views + (size_t)sample_count(s) * 4 * sizeof(float));
 }
 
-/* ---- one shape
- * ----------------------------------------------------------------------------------- */
+/* ---- one shape ---- */
 
 static lf_status load_mesh(const lf_shapes *s, const item *x, lf_mesh **mesh, lf_error *err)
 {
@@ -204,27 +203,32 @@ void lf_shape_release(lf_shape *shape)
     *shape = (lf_shape){0};
 }
 
-lf_status lf_shapes_render(const lf_shapes *s, const lf_shape *shape, long index, long draw,
-                           lf_shape_views *out, uint8_t *images, lf_error *err)
+lf_status lf_shapes_render_views(const lf_shapes *s, const lf_shape *shape, lf_shape_views *views,
+                                 uint8_t *images, lf_error *err)
 {
     const long n = image_bytes(s);
     float *pixels = malloc((size_t)n * sizeof *pixels);
     LF_REQUIRE(pixels, "out of memory for views of %ld numbers", n);
-    const uint64_t item_number = lf_name_hash(s->item[index].id);
-    const lf_status status =
-        lf_views_make(shape->surface, &s->options.views, s->options.seed, (uint64_t)draw,
-                      item_number, out->camera, out->object, pixels, err);
+    const lf_status status = lf_views_render(shape->surface, &s->options.views, views->camera,
+                                             views->object, pixels, err);
     for (long i = 0; status == LF_OK && i < n; i++) {
         const float v = pixels[i] < 0 ? 0 : pixels[i] > 1 ? 1 : pixels[i];
         images[i] = (uint8_t)(v * 255.0f + 0.5f);
     }
-    out->images = images;
+    views->images = images;
     free(pixels);
     return status;
 }
 
-/* ---- all shapes
- * ---------------------------------------------------------------------------------- */
+lf_status lf_shapes_render(const lf_shapes *s, const lf_shape *shape, long index, long draw,
+                           lf_shape_views *out, uint8_t *images, lf_error *err)
+{
+    lf_setting_draw(s->options.views.setting, s->options.views.size, s->options.seed,
+                    (uint64_t)draw, lf_name_hash(s->item[index].id), out->camera, out->object);
+    return lf_shapes_render_views(s, shape, out, images, err);
+}
+
+/* ---- all shapes ---- */
 
 static lf_status prepare_item(lf_shapes *s, long index, lf_error *err)
 {

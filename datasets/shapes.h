@@ -74,6 +74,9 @@ void lf_shape_release(lf_shape *shape);
 /* Views of a loaded shape at a draw; images [8 size size channels], the caller's. */
 lf_status lf_shapes_render(const lf_shapes *shapes, const lf_shape *shape, long index, long draw,
                            lf_shape_views *out, uint8_t *images, lf_error *err);
+/* The same from cameras and an object rotation that the caller set in views. */
+lf_status lf_shapes_render_views(const lf_shapes *shapes, const lf_shape *shape,
+                                 lf_shape_views *views, uint8_t *images, lf_error *err);
 
 #ifdef __cplusplus
 }

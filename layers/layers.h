@@ -87,8 +87,7 @@ void lf_nonlinear_init(lf_store *store, lf_nonlinear *layer, const char *prefix,
 /* ReLU on scalars; the norm or gated nonlinearity on vectors. */
 lf_field lf_nonlinear_apply(lf_tape *tape, const lf_nonlinear *layer, lf_field x);
 
-/* ---- rays to points
- * ------------------------------------------------------------------------------ */
+/* ---- rays to points ---- */
 
 /* Means over the views that see the point: m0 = mean_v r_v [Q, C] and
  * m1 = mean_v sqrt(3) d_v r_v [Q, 3, C], of ray features r [Q, V, C].          [method.md 2.5,
@@ -145,8 +144,7 @@ void lf_transformer_block_init(lf_store *store, lf_transformer_block *block, con
 void lf_transformer_block_apply(lf_tape *tape, const lf_transformer_block *block, lf_field *rays,
                                 lf_field *point, const lf_ray_geometry *geometry);
 
-/* ---- points to scalars
- * --------------------------------------------------------------------------- */
+/* ---- points to scalars ---- */
 
 /* Vector-neuron LeakyReLU: u = p where <p,k> >= 0, else p - 0.8 <p,k> / (|k|^2 + 1e-6) k, per
  * channel; p, k [.., 3, C]. [method.md 2.9] */

@@ -99,8 +99,7 @@ static lf_tensor *image_leaf(lf_recon_work *work, long images, const lf_real *im
                    (lf_real *)(uintptr_t)image, NULL);
 }
 
-/* ---- training
- * ------------------------------------------------------------------------------------ */
+/* ---- training ---- */
 
 typedef struct batch {
     lf_recon_work *work;
@@ -172,8 +171,7 @@ double lf_recon_step(lf_recon_work *work, long images, const lf_real *image,
     return total / (double)points->count;
 }
 
-/* ---- evaluation
- * ---------------------------------------------------------------------------------- */
+/* ---- evaluation ---- */
 
 void lf_recon_encode(lf_recon_work *work, long images, const lf_real *image)
 {
@@ -218,8 +216,7 @@ void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double
         lf_tape_set_grad(work->lane[l].tape, true);
 }
 
-/* ---- cost
- * ---------------------------------------------------------------------------------------- */
+/* ---- cost ---- */
 
 /* Products of one block a point with V views. */
 static double block_macs(const lf_transformer_config *c, double views, double ray0, double ray1)

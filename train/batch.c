@@ -4,8 +4,6 @@
 
 enum { V = LF_CUBE_VIEWS };
 
-static const double nearest = 1e-3; /* closest visible depth, in box diagonals */
-
 struct lf_batches {
     const lf_shapes *shapes;
     long per_step, points, near_points; /* a shape */
@@ -22,56 +20,12 @@ struct lf_batches {
     lf_projection projection;
 };
 
-/* ---- projections
- * --------------------------------------------------------------------------------- */
-
 static void *room(size_t count, size_t size)
 {
     void *p = calloc(count ? count : 1, size);
     LF_REQUIRE(p, "out of memory for %zu times %zu bytes", count, size);
     return p;
 }
-
-lf_projection lf_projection_create(long points, long views)
-{
-    const size_t n = (size_t)(points * views);
-    return (lf_projection){room(2 * n, sizeof(double)), room(3 * n, sizeof(double)),
-                           room(n, sizeof(double)), room(n, 1), room((size_t)points, sizeof(long))};
-}
-
-void lf_projection_free(lf_projection *p)
-{
-    free(p->uv);
-    free(p->direction);
-    free(p->distance);
-    free(p->mask);
-    free(p->first);
-    *p = (lf_projection){0};
-}
-
-lf_recon_points lf_projection_points(const lf_projection *p, long count, long views)
-{
-    return (lf_recon_points){count, views, p->uv, p->direction, p->distance, p->mask, p->first};
-}
-
-void lf_projection_fill(lf_projection *p, long at, long count, const double (*point)[3],
-                        const lf_shape_views *views, long first)
-{
-    double turned[64][3];
-    for (long from = 0; from < count; from += 64) {
-        const long n = count - from < 64 ? count - from : 64, q = at + from;
-        for (long i = 0; i < n; i++) {
-            lf_rotation_apply(views->object, point[from + i], turned[i]);
-            p->first[q + i] = first;
-        }
-        lf_project_points(V, views->camera, n, (const double(*)[3])turned, nearest,
-                          p->uv + q * V * 2, p->direction + q * V * 3, p->distance + q * V,
-                          p->mask + q * V);
-    }
-}
-
-/* ---- batches
- * ------------------------------------------------------------------------------------- */
 
 static void list_epoch(lf_batches *b, const lf_config *cfg)
 {
@@ -108,7 +62,7 @@ lf_batches *lf_batches_create(const lf_config *cfg, const lf_shapes *shapes)
     b->image = room((size_t)(b->per_step * b->image_size), sizeof *b->image);
     b->sdf = room((size_t)(b->per_step * b->points), sizeof *b->sdf);
     b->point = room((size_t)b->points, sizeof *b->point);
-    b->projection = lf_projection_create(b->per_step * b->points, V);
+    b->projection = lf_projection_create(b->per_step * b->points);
     return b;
 }
 
@@ -172,7 +126,8 @@ lf_batch lf_batches_at(lf_batches *b, long step)
         lf_projection_fill(&b->projection, slot * b->points, b->points,
                            (const double(*)[3])b->point, views, slot * V);
     }
-    const long count = b->per_step * b->points;
-    return (lf_batch){b->per_step * V, b->image, lf_projection_points(&b->projection, count, V),
-                      b->sdf};
+    const lf_projection *p = &b->projection;
+    const lf_recon_points points = {
+        b->per_step * b->points, V, p->uv, p->direction, p->distance, p->mask, p->first};
+    return (lf_batch){b->per_step * V, b->image, points, b->sdf};
 }

@@ -8,7 +8,7 @@
 #define LF_TRAIN_BATCH_H
 
 #include "configs/configs.h"
-#include "datasets/shapes.h"
+#include "datasets/projection.h"
 #include "models/recon_work.h"
 
 typedef struct lf_batches lf_batches;
@@ -29,20 +29,5 @@ typedef struct lf_batch {
 
 /* The batch of a step; its memory is the batches' and lasts until the next call. */
 lf_batch lf_batches_at(lf_batches *batches, long step);
-
-/* Projections of points of one shape (p -> object * p) into its views; the arrays of `out` are the
- * caller's: uv [n, 8, 2], direction [n, 8, 3], distance [n, 8], mask [n, 8]. */
-typedef struct lf_projection {
-    double *uv, *direction, *distance;
-    uint8_t *mask;
-    long *first;
-} lf_projection;
-lf_projection lf_projection_create(long points, long views);
-void lf_projection_free(lf_projection *p);
-lf_recon_points lf_projection_points(const lf_projection *p, long count, long views);
-/* Fill the points [at, at + count) from `point`, seen by the 8 views whose images start at `first`.
- */
-void lf_projection_fill(lf_projection *p, long at, long count, const double (*point)[3],
-                        const lf_shape_views *views, long first);
 
 #endif

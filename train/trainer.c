@@ -36,8 +36,7 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* ---- before the first step
- * ----------------------------------------------------------------------- */
+/* ---- before the first step ---- */
 
 typedef struct prepare_progress {
     lf_progress progress;
@@ -134,8 +133,7 @@ static lf_status open_run(trainer *t, lf_error *err)
     return status;
 }
 
-/* ---- the loop
- * ------------------------------------------------------------------------------------ */
+/* ---- the loop ---- */
 
 static lf_status save(trainer *t, lf_error *err)
 {

@@ -29,7 +29,13 @@ static agreement validate_shape(lf_recon_work *work, const lf_config *cfg, const
         truth[i] = samples[k][3];
     }
     lf_projection_fill(projection, 0, n, (const double(*)[3])point, views, 0);
-    const lf_recon_points points = lf_projection_points(projection, n, V);
+    const lf_recon_points points = {n,
+                                    V,
+                                    projection->uv,
+                                    projection->direction,
+                                    projection->distance,
+                                    projection->mask,
+                                    projection->first};
     const double scale = lf_config_real(cfg, "loss.scale"),
                  clamp = lf_config_real(cfg, "loss.clamp");
     lf_recon_predict(work, &points, scale, sdf, NULL);
@@ -55,7 +61,7 @@ lf_validation lf_validate(lf_recon_work *work, const lf_config *cfg, const lf_sh
     float *pixels = calloc((size_t)numbers, sizeof *pixels);
     lf_real *image = calloc((size_t)numbers, sizeof *image);
     LF_REQUIRE(pixels && image, "out of memory for %ld pixels", numbers);
-    lf_projection projection = lf_projection_create(POINTS, V);
+    lf_projection projection = lf_projection_create(POINTS);
     lf_validation v = {0};
     for (long s = 0; s < count; s++) {
         lf_shapes_pixels(lf_shapes_views(shapes, s, 0)->images, numbers, pixels);

@@ -1,0 +1,268 @@
+/* evaluate.c: scores, meshes and the picture of a split. See evaluate.h. */
+#include <math.h>
+#include <sys/stat.h>
+#include <time.h>
+
+#include "eval/evaluate.h"
+#include "eval/isosurface.h"
+#include "eval/montage.h"
+#include "eval/report.h"
+#include "train/progress.h"
+#include "train/trainer.h"
+
+enum { V = LF_CUBE_VIEWS };
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* What the evaluation of one shape needs and leaves. */
+typedef struct subject {
+    lf_loaded *loaded;
+    const lf_evaluate_options *options;
+    const lf_shapes *shapes;
+    lf_shape shape;
+    lf_shape_views views;
+    uint8_t *images;
+    lf_mesh *predicted, *truth;
+    lf_iso_report iso;
+    double seconds; /* from views to mesh */
+} subject;
+
+static void predict_field(void *context, long n, const double (*points)[3], float *value,
+                          uint8_t *valid)
+{
+    subject *s = context;
+    lf_loaded_predict(s->loaded, &s->views, n, points, value, valid);
+}
+
+static void true_field(void *context, long n, const double (*points)[3], float *value,
+                       uint8_t *valid)
+{
+    const subject *s = context;
+    double *sdf = malloc((size_t)n * sizeof *sdf);
+    LF_REQUIRE(sdf, "out of memory for %ld distances", n);
+    (void)valid;
+    lf_sdf_eval(s->shape.sdf, n, points, sdf, NULL);
+    for (long i = 0; i < n; i++)
+        value[i] = (float)sdf[i];
+    free(sdf);
+}
+
+static lf_iso_options iso_options(const lf_config *cfg, double longest_edge, bool dense)
+{
+    lf_iso_options o = lf_iso_defaults();
+    o.half = 0.55 * longest_edge;
+    o.coarse = (int)lf_config_int(cfg, "eval.coarse");
+    o.refinements = 0;
+    for (long n = o.coarse; n < lf_config_int(cfg, "eval.resolution"); n *= 2)
+        o.refinements++;
+    o.dense = dense;
+    return o;
+}
+
+/* Views in the setting, every one rolled by `roll` degrees as well if that is not 0. */
+static lf_status make_views(subject *s, long index, lf_error *err)
+{
+    LF_TRY(lf_shapes_render(s->shapes, &s->shape, index, 0, &s->views, s->images, err));
+    if (s->options->roll == 0)
+        return LF_OK;
+    for (int v = 0; v < V; v++)
+        s->views.camera[v] =
+            lf_camera_roll(&s->views.camera[v], s->options->roll * 3.141592653589793 / 180);
+    return lf_shapes_render_views(s->shapes, &s->shape, &s->views, s->images, err);
+}
+
+static lf_status extract(subject *s, long index, lf_error *err)
+{
+    const lf_config *cfg = s->loaded->cfg;
+    LF_TRY(lf_shapes_load(s->shapes, index, &s->shape, err));
+    LF_TRY(make_views(s, index, err));
+    const double edge = s->shape.longest_edge, t0 = now();
+    const lf_iso_options predicted = iso_options(cfg, edge, s->options->dense);
+    const lf_iso_options truth = iso_options(cfg, edge, false);
+    lf_loaded_encode(s->loaded, &s->views);
+    LF_TRY(lf_isosurface(&predicted, predict_field, s, &s->predicted, &s->iso, err));
+    s->seconds = now() - t0;
+    return lf_isosurface(&truth, true_field, s, &s->truth, NULL, err);
+}
+
+static void release(subject *s)
+{
+    lf_mesh_free(s->predicted);
+    lf_mesh_free(s->truth);
+    s->predicted = s->truth = NULL;
+    lf_shape_release(&s->shape);
+}
+
+/* ---- files ---- */
+
+static lf_status write_mesh(const char *folder, const char *id, const char *kind,
+                            const lf_mesh *mesh, lf_error *err)
+{
+    char path[1024];
+    const int n = snprintf(path, sizeof path, "%s/%s-%s.ply", folder, id, kind);
+    if (n >= (int)sizeof path)
+        return lf_fail(err, LF_BAD_INPUT, "%s/%s: the name is too long", folder, id);
+    return lf_mesh_write_ply(path, mesh, err);
+}
+
+/* A row of the montage owns its caption, images and meshes. */
+static void keep_row(lf_montage_row *row, subject *s, const char *id, double iou)
+{
+    const lf_recon_config *c = &s->loaded->model.config;
+    const long n = V * c->image_size * c->image_size * c->backbone.in_channels;
+    float *pixels = malloc((size_t)n * sizeof *pixels);
+    char *caption = NULL;
+    LF_REQUIRE(pixels && asprintf(&caption, "%s   IoU %.2f", id, iou) >= 0, "out of memory");
+    lf_shapes_pixels(s->images, n, pixels);
+    *row = (lf_montage_row){
+        caption, V, (int)c->image_size, c->backbone.in_channels, pixels, s->predicted, s->truth};
+    s->predicted = s->truth = NULL;
+}
+
+static void free_rows(lf_montage_row *row, long rows)
+{
+    for (long i = 0; i < rows; i++) {
+        free((void *)(uintptr_t)row[i].caption);
+        free((void *)(uintptr_t)row[i].images);
+        lf_mesh_free((lf_mesh *)(uintptr_t)row[i].predicted);
+        lf_mesh_free((lf_mesh *)(uintptr_t)row[i].truth);
+    }
+    free(row);
+}
+
+static lf_status make_folder(const char *path, lf_error *err)
+{
+    struct stat st;
+    if (mkdir(path, 0777) == 0 || (stat(path, &st) == 0 && S_ISDIR(st.st_mode)))
+        return LF_OK;
+    return lf_fail(err, LF_FAILED, "%s: cannot make this folder (is its parent there?)", path);
+}
+
+/* ---- the split ---- */
+
+typedef struct run {
+    lf_report report;
+    lf_montage_row *row;
+    long rows, count;
+    long evaluations, dense_evaluations, invalid;
+    lf_progress progress;
+    double started;
+} run;
+
+static lf_status score_shape(run *r, subject *s, long index, lf_error *err)
+{
+    lf_metric_options metric = r->report.metric;
+    metric.item = (uint64_t)index;
+    const char *id = lf_shapes_id(s->shapes, index);
+    LF_TRY(extract(s, index, err));
+    lf_score score;
+    LF_TRY(lf_score_meshes(s->predicted, s->truth, s->shape.sdf, &metric, &score, err));
+    lf_report_add(&r->report, id, &score, s->seconds, s->predicted->faces);
+    r->evaluations += s->iso.evaluations;
+    r->dense_evaluations += s->iso.dense_evaluations;
+    r->invalid += s->iso.invalid;
+    if (s->options->out) {
+        LF_TRY(write_mesh(s->options->out, id, "predicted", s->predicted, err));
+        LF_TRY(write_mesh(s->options->out, id, "true", s->truth, err));
+    }
+    if (s->options->out && r->rows < s->options->pictures)
+        keep_row(&r->row[r->rows++], s, id, score.iou);
+    lf_progress_update(&r->progress, index + 1, now() - r->started, "IoU %.3f",
+                       lf_report_mean(&r->report).iou);
+    return LF_OK;
+}
+
+static lf_status write_results(run *r, const lf_evaluate_options *o, lf_error *err)
+{
+    r->report.peak_rss_mb = lf_peak_rss_mb();
+    if (!o->quiet) {
+        lf_report_print(&r->report, stdout);
+        printf(
+            "field evaluations: %ld, dense grid %ld (%.1f times more); %ld points seen by no view "
+            "taken as outside\n",
+            r->evaluations, r->dense_evaluations,
+            (double)r->dense_evaluations / (double)(r->evaluations ? r->evaluations : 1),
+            r->invalid);
+    }
+    if (o->json)
+        LF_TRY(lf_report_write(&r->report, o->json, err));
+    if (!o->out || r->rows == 0)
+        return LF_OK;
+    char path[1024];
+    snprintf(path, sizeof path, "%s/montage.png", o->out);
+    const lf_montage_options montage = lf_montage_defaults();
+    LF_TRY(lf_montage_write(path, r->rows, r->row, &montage, err));
+    if (!o->quiet)
+        printf("picture: %s (views | predicted | true)\n", path);
+    return LF_OK;
+}
+
+static lf_status score_split(run *r, subject *s, lf_error *err)
+{
+    r->started = now();
+    r->progress = lf_progress_start(stdout, "shape", 0, r->count, s->options->quiet);
+    for (long i = 0; i < r->count; i++) {
+        const lf_status status = score_shape(r, s, i, err);
+        release(s);
+        if (status != LF_OK)
+            return lf_error_context(err, status, "%s", lf_shapes_id(s->shapes, i));
+    }
+    lf_progress_end(&r->progress);
+    return write_results(r, s->options, err);
+}
+
+static lf_metric_options metric_options(const lf_config *cfg, bool exact)
+{
+    lf_metric_options m = lf_metric_defaults();
+    m.samples = lf_config_int(cfg, "eval.iou_points");
+    m.exact = exact;
+    return m;
+}
+
+static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o,
+                                 const lf_shapes *shapes, const char *setting, lf_error *err)
+{
+    const lf_config *cfg = loaded->cfg;
+    const lf_recon_config *c = &loaded->model.config;
+    run r = {.count = lf_shapes_count(shapes),
+             .report = {.experiment = "reconstruction",
+                        .model = lf_config_choice(cfg, "model.type"),
+                        .category = lf_config_string(cfg, "data.category"),
+                        .train_setting = lf_config_choice(cfg, "data.setting"),
+                        .eval_setting = setting,
+                        .split = o->split,
+                        .metric = metric_options(cfg, o->exact)}};
+    if (o->shapes > 0 && o->shapes < r.count)
+        r.count = o->shapes;
+    subject s = {.loaded = loaded, .options = o, .shapes = shapes};
+    s.images = malloc((size_t)(V * c->image_size * c->image_size * c->backbone.in_channels));
+    r.row = calloc((size_t)(o->pictures > 0 ? o->pictures : 1), sizeof *r.row);
+    LF_REQUIRE(s.images && r.row, "out of memory for views");
+    const lf_status status = score_split(&r, &s, err);
+    free_rows(r.row, r.rows);
+    free(s.images);
+    lf_report_clear(&r.report);
+    return status;
+}
+
+lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_error *err)
+{
+    lf_shapes_options data = lf_shapes_options_from(loaded->cfg, options->split);
+    if (strcmp(options->split, "train") == 0)
+        data.draws = 1;
+    if (options->setting)
+        LF_TRY(lf_setting_parse(options->setting, &data.views.setting, err));
+    if (options->out)
+        LF_TRY(make_folder(options->out, err));
+    lf_shapes *shapes;
+    LF_TRY(lf_shapes_open(&data, &shapes, err));
+    const lf_status status =
+        evaluate_shapes(loaded, options, shapes, lf_setting_name(data.views.setting), err);
+    lf_shapes_close(shapes);
+    return status;
+}

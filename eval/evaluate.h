@@ -1,0 +1,46 @@
+/* evaluate.h: a checkpoint over a split in a setting: meshes, scores, a picture. [method.md 5a.8-9]
+ */
+#ifndef LF_EVAL_EVALUATE_H
+#define LF_EVAL_EVALUATE_H
+
+#include "configs/configs.h"
+#include "datasets/projection.h"
+#include "models/recon_work.h"
+
+/* A model loaded from a checkpoint, ready to predict. Its parts refer to each other: never copy it. */
+typedef struct lf_loaded {
+    lf_config *cfg; /* the checkpoint's, with overrides */
+    lf_store *store;
+    lf_recon model;
+    lf_recon_work *work;
+    lf_real *image; /* of the last encode */
+    long step;
+} lf_loaded;
+
+/* `checkpoint` is a file or a run's folder (its newest sound checkpoint); sets[n] are "key=value".
+ */
+lf_status lf_loaded_open(const char *checkpoint, int n, const char *const *sets, lf_loaded *out,
+                         lf_error *err);
+void lf_loaded_close(lf_loaded *loaded);
+
+/* Features of eight views given with 8 bits; then distances at points of the shape (unit: box
+ * diagonal) as those views see them. valid may be NULL. */
+void lf_loaded_encode(lf_loaded *loaded, const lf_shape_views *views);
+void lf_loaded_predict(lf_loaded *loaded, const lf_shape_views *views, long n,
+                       const double (*point)[3], float *sdf, uint8_t *valid);
+
+typedef struct lf_evaluate_options {
+    const char *setting; /* NULL: the training's */
+    const char *split;   /* train, val or test */
+    const char *json;    /* report, or NULL */
+    const char *out;     /* folder for meshes and montage.png, or NULL */
+    long shapes;         /* at most so many; 0: all */
+    long pictures;       /* rows of the montage */
+    double roll;         /* degrees; every view rolled by this as well, and rendered again */
+    bool dense, quiet, exact;
+} lf_evaluate_options;
+
+/* Score every shape. LF_BAD_INPUT for a setting, split or data that do not exist. */
+lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_error *err);
+
+#endif

@@ -1,0 +1,254 @@
+/* main.c: elf-eval. Reads the command line and hands over to one of its jobs. */
+#include <getopt.h>
+#include <omp.h>
+
+#include "eval/compare.h"
+#include "eval/equivariance.h"
+#include "eval/evaluate.h"
+
+static void print_help(FILE *out)
+{
+    fputs("elf-eval --checkpoint F [options]         score a model on a split, write its meshes\n"
+          "elf-eval --checkpoint F --check-equivariance N\n"
+          "                                          what the trained model keeps of its symmetry\n"
+          "elf-eval compare-meshes A B [options]     score mesh A (predicted) against B (truth)\n"
+          "\n"
+          "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
+          "  --setting S       I, Z, R, Y or SO3 (default: the training's)\n"
+          "  --split S         train, val or test (default test)\n"
+          "  --shapes N        at most N shapes\n"
+          "  --json F          write the report as JSON\n"
+          "  --out DIR         write meshes (PLY) and a picture of the first shapes, montage.png\n"
+          "  --pictures N      rows of the picture (default 6)\n"
+          "  --roll DEGREES    roll every view by this as well and render it again\n"
+          "  --dense           evaluate the whole grid instead of coarse to fine (the same mesh)\n"
+          "  --exact           Chamfer to the surface instead of to its samples\n"
+          "  --normalise       compare-meshes: first centre both boxes and scale to diagonal 1\n"
+          "  --samples N       compare-meshes: points of each metric (default 100000)\n"
+          "  --set K=V         override a key of the checkpoint's config, e.g. data.root=DIR\n"
+          "  --threads N       threads (default: all; the result does not depend on it)\n"
+          "  --quiet, --help, --help-config, --version\n"
+          "\n"
+          "Metrics:\n",
+          out);
+    fputs(lf_metric_text(), out);
+    fputs("\nExit codes: 0 done, 1 failed while running, 2 wrong use, config or input.\n", out);
+}
+
+enum { MOST_SETS = 256 };
+
+typedef struct arguments {
+    const char *checkpoint, *set[MOST_SETS];
+    int sets, threads;
+    long check; /* elements of --check-equivariance; 0: not asked */
+    long samples;
+    bool normalise, done;
+    lf_evaluate_options evaluate;
+    int words;
+    char **word; /* what is not an option */
+} arguments;
+
+static lf_status parse_number(const char *name, const char *text, long low, long high, long *out,
+                              lf_error *err)
+{
+    char *end;
+    const long n = strtol(text, &end, 10);
+    if (*end || end == text || n < low || n > high)
+        return lf_fail(err, LF_BAD_INPUT, "--%s %s: give a number from %ld to %ld", name, text, low,
+                       high);
+    *out = n;
+    return LF_OK;
+}
+
+enum {
+    CHECKPOINT = 256,
+    SETTING,
+    SPLIT,
+    SHAPES,
+    JSON,
+    OUT,
+    PICTURES,
+    ROLL,
+    DENSE,
+    EXACT,
+    NORMALISE,
+    SAMPLES,
+    SET,
+    THREADS,
+    QUIET,
+    CHECK,
+    HELP,
+    HELP_CONFIG,
+    VERSION
+};
+
+static const struct option option_table[] = {{"checkpoint", required_argument, NULL, CHECKPOINT},
+                                             {"setting", required_argument, NULL, SETTING},
+                                             {"split", required_argument, NULL, SPLIT},
+                                             {"shapes", required_argument, NULL, SHAPES},
+                                             {"json", required_argument, NULL, JSON},
+                                             {"out", required_argument, NULL, OUT},
+                                             {"pictures", required_argument, NULL, PICTURES},
+                                             {"roll", required_argument, NULL, ROLL},
+                                             {"dense", no_argument, NULL, DENSE},
+                                             {"exact", no_argument, NULL, EXACT},
+                                             {"normalise", no_argument, NULL, NORMALISE},
+                                             {"samples", required_argument, NULL, SAMPLES},
+                                             {"set", required_argument, NULL, SET},
+                                             {"threads", required_argument, NULL, THREADS},
+                                             {"quiet", no_argument, NULL, QUIET},
+                                             {"check-equivariance", required_argument, NULL, CHECK},
+                                             {"help", no_argument, NULL, HELP},
+                                             {"help-config", no_argument, NULL, HELP_CONFIG},
+                                             {"version", no_argument, NULL, VERSION},
+                                             {NULL, 0, NULL, 0}};
+
+static lf_status parse_roll(const char *text, double *out, lf_error *err)
+{
+    char *end;
+    const double x = strtod(text, &end);
+    if (*end || end == text || !(x >= -360 && x <= 360))
+        return lf_fail(err, LF_BAD_INPUT, "--roll %s: give degrees from -360 to 360", text);
+    *out = x;
+    return LF_OK;
+}
+
+/* Options that take no number or text of their own. */
+static bool parse_flag(arguments *a, int option)
+{
+    switch (option) {
+    case DENSE:
+        return a->evaluate.dense = true;
+    case EXACT:
+        return a->evaluate.exact = true;
+    case NORMALISE:
+        return a->normalise = true;
+    case QUIET:
+        return a->evaluate.quiet = true;
+    case HELP:
+        print_help(stdout);
+        return a->done = true;
+    case HELP_CONFIG:
+        lf_config_help(stdout);
+        return a->done = true;
+    case VERSION:
+        printf("elf-eval %s (%s)\n", ELF_VERSION, LF_REAL_NAME);
+        return a->done = true;
+    default:
+        return false;
+    }
+}
+
+static lf_status parse_option(arguments *a, int option, lf_error *err)
+{
+    long threads = 0;
+    switch (option) {
+    case CHECKPOINT:
+        a->checkpoint = optarg;
+        return LF_OK;
+    case SETTING:
+        a->evaluate.setting = optarg;
+        return LF_OK;
+    case SPLIT:
+        a->evaluate.split = optarg;
+        return LF_OK;
+    case JSON:
+        a->evaluate.json = optarg;
+        return LF_OK;
+    case OUT:
+        a->evaluate.out = optarg;
+        return LF_OK;
+    case SHAPES:
+        return parse_number("shapes", optarg, 1, 1000000, &a->evaluate.shapes, err);
+    case PICTURES:
+        return parse_number("pictures", optarg, 0, 100, &a->evaluate.pictures, err);
+    case SAMPLES:
+        return parse_number("samples", optarg, 1, LF_METRIC_SAMPLES_MAX, &a->samples, err);
+    case CHECK:
+        return parse_number("check-equivariance", optarg, 1, 100000, &a->check, err);
+    case ROLL:
+        return parse_roll(optarg, &a->evaluate.roll, err);
+    case THREADS:
+        LF_TRY(parse_number("threads", optarg, 1, 1024, &threads, err));
+        a->threads = (int)threads;
+        return LF_OK;
+    case SET:
+        if (a->sets == MOST_SETS)
+            return lf_fail(err, LF_BAD_INPUT, "more than %d --set", MOST_SETS);
+        a->set[a->sets++] = optarg;
+        return LF_OK;
+    default:
+        return parse_flag(a, option) ? LF_OK : lf_fail(err, LF_BAD_INPUT, "see elf-eval --help");
+    }
+}
+
+static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
+{
+    int option;
+    while (!a->done && (option = getopt_long(argc, argv, "", option_table, NULL)) != -1)
+        LF_TRY(parse_option(a, option, err));
+    a->words = argc - optind;
+    a->word = argv + optind;
+    return LF_OK;
+}
+
+static lf_status run_compare(const arguments *a, lf_error *err)
+{
+    if (a->words != 3)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "compare-meshes takes two mesh files: the predicted and "
+                       "the true one");
+    lf_compare_options options = lf_compare_defaults();
+    options.normalise = a->normalise;
+    options.metric.exact = a->evaluate.exact;
+    if (a->samples)
+        options.metric.samples = a->samples;
+    return lf_compare_meshes(a->word[1], a->word[2], &options, stdout, err);
+}
+
+static lf_status run_model(const arguments *a, lf_error *err)
+{
+    lf_loaded loaded;
+    LF_TRY(lf_loaded_open(a->checkpoint, a->sets, a->set, &loaded, err));
+    lf_status status;
+    if (a->check) {
+        const lf_equivariance_options options = {
+            a->check, a->evaluate.shapes ? a->evaluate.shapes : 4, a->evaluate.split,
+            a->evaluate.json, a->evaluate.quiet};
+        status = lf_check_equivariance(&loaded, &options, err);
+    } else {
+        status = lf_evaluate(&loaded, &a->evaluate, err);
+    }
+    lf_loaded_close(&loaded);
+    return status;
+}
+
+static lf_status run(const arguments *a, lf_error *err)
+{
+    if (a->words > 0 && strcmp(a->word[0], "compare-meshes") == 0)
+        return run_compare(a, err);
+    if (a->words > 0)
+        return lf_fail(err, LF_BAD_INPUT, "%s is not a job of elf-eval; see elf-eval --help",
+                       a->word[0]);
+    if (!a->checkpoint)
+        return lf_fail(err, LF_BAD_INPUT, "no --checkpoint given; see elf-eval --help");
+    const char *split = a->evaluate.split;
+    if (strcmp(split, "train") != 0 && strcmp(split, "val") != 0 && strcmp(split, "test") != 0)
+        return lf_fail(err, LF_BAD_INPUT, "--split %s: give train, val or test", split);
+    return run_model(a, err);
+}
+
+int main(int argc, char **argv)
+{
+    lf_error err = {""};
+    arguments a = {.evaluate = {.split = "test", .pictures = 6}};
+    lf_status status = parse(argc, argv, &a, &err);
+    if (status == LF_OK && !a.done) {
+        if (a.threads)
+            omp_set_num_threads(a.threads);
+        status = run(&a, &err);
+    }
+    if (status != LF_OK)
+        fprintf(stderr, "elf-eval: %s\n", err.text);
+    return status;
+}
