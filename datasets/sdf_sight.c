@@ -154,11 +154,11 @@ static void turn_by_sight(const lf_sdf *s, const lf_mesh *mesh, lf_soup *soup)
     LF_REQUIRE(front && back && sum, "lf_sdf_open: no memory for %ld faces", mesh->faces);
     look_both_ways(s, mesh, soup->turn, front, back);
     for (size_t f = 0; f < faces; f++) {
-        sum[2 * soup->component[f]] += front[f];
-        sum[2 * soup->component[f] + 1] += back[f];
+        sum[2 * (size_t)soup->component[f]] += front[f];
+        sum[2 * (size_t)soup->component[f] + 1] += back[f];
     }
     for (size_t f = 0; f < faces; f++) {
-        const double *part = &sum[2 * soup->component[f]];
+        const double *part = &sum[2 * (size_t)soup->component[f]];
         const double gain = part[0] - part[1], clear = (part[0] + part[1]) / 3;
         if (!(fabs(gain) > clear))
             soup->turn[f] = 0;

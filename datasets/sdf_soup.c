@@ -23,6 +23,11 @@ static int by_position(const void *a, const void *b)
     return (x->vertex > y->vertex) - (x->vertex < y->vertex);
 }
 
+static bool same_position(const struct corner *a, const struct corner *b)
+{
+    return a->at[0] == b->at[0] && a->at[1] == b->at[1] && a->at[2] == b->at[2];
+}
+
 /* joined[vertex] = the least vertex at the same position. */
 static int32_t *join_vertices(const lf_mesh *mesh)
 {
@@ -32,12 +37,12 @@ static int32_t *join_vertices(const lf_mesh *mesh)
     LF_REQUIRE(c && joined, "lf_soup_open: no memory for %ld vertices", mesh->vertices);
     for (size_t v = 0; v < n; v++) {
         for (int i = 0; i < 3; i++)
-            c[v].at[i] = mesh->vertex[v][i] + 0.0; /* -0 becomes 0 */
+            c[v].at[i] = mesh->vertex[v][i];
         c[v].vertex = (int32_t)v;
     }
     qsort(c, n, sizeof *c, by_position);
     for (size_t v = 0; v < n; v++) {
-        const bool same = v > 0 && memcmp(c[v].at, c[v - 1].at, sizeof c[v].at) == 0;
+        const bool same = v > 0 && same_position(&c[v], &c[v - 1]);
         joined[c[v].vertex] = same ? joined[c[v - 1].vertex] : c[v].vertex;
     }
     free(c);
