@@ -7,6 +7,7 @@
 
 #include <cmath>
 #include <exception>
+#include <fstream>
 #include <memory>
 #include <string>
 #include <strings.h>
@@ -58,6 +59,35 @@ std::string last_message()
     return text.empty() ? "no known format" : text;
 }
 
+unsigned long big_endian(const unsigned char *b)
+{
+    return static_cast<unsigned long>(b[0]) << 24 | static_cast<unsigned long>(b[1]) << 16 |
+           static_cast<unsigned long>(b[2]) << 8 | static_cast<unsigned long>(b[3]);
+}
+
+/* Whether the chunks of a PNG follow one another up to IEND; other formats pass. libpng would
+ * complain of a file cut short on stderr and leak. */
+bool png_is_whole(const char *path)
+{
+    static const unsigned char signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+    std::ifstream in(path, std::ios::binary);
+    unsigned char head[8];
+    in.read(reinterpret_cast<char *>(head), 8);
+    if (in.gcount() < 4 || memcmp(head, signature, 4) != 0)
+        return true;
+    in.seekg(0, std::ios::end);
+    const long size = static_cast<long>(in.tellg());
+    for (long at = 8; at + 12 <= size;) {
+        in.seekg(at);
+        if (!in.read(reinterpret_cast<char *>(head), 8))
+            return false;
+        at += 12 + static_cast<long>(big_endian(head));
+        if (memcmp(head + 4, "IEND", 4) == 0)
+            return at <= size;
+    }
+    return false;
+}
+
 lf_status check_file(const char *path, lf_error *err)
 {
     struct stat info;
@@ -66,6 +96,8 @@ lf_status check_file(const char *path, lf_error *err)
     if (!S_ISREG(info.st_mode) || info.st_size == 0)
         return lf_fail(err, LF_BAD_INPUT, "%s: %s", path,
                        S_ISREG(info.st_mode) ? "the file is empty" : "is not a regular file");
+    if (!png_is_whole(path))
+        return lf_fail(err, LF_BAD_INPUT, "%s: the picture is damaged or cut short: no IEND", path);
     return LF_OK;
 }
 

@@ -172,7 +172,7 @@ static void build_legs(lf_builder *b, const chair *c)
 static void back_piece(lf_builder *b, const chair *c, double x0, double x1, double low, double high)
 {
     const double base = c->seat + 0.4 * c->thick, half = (x1 - x0) / 2;
-    const double z = (c->seats == SEAT_ROUND ? 0.80 : 0.98) * c->hd - c->half_back;
+    const double z = (c->seats == SEAT_ROUND ? 0.80 : 0.98) * c->hd - 0.028;
     lf_build_bar(
         b, 1, 4, end_at((x0 + x1) / 2, base + low * c->back, z + low * c->lean, half, c->half_back),
         end_at((x0 + x1) / 2, base + high * c->back, z + high * c->lean, half, c->half_back));
@@ -184,7 +184,7 @@ static void build_curved_back(lf_builder *b, const chair *c, double half_width)
     enum { rings = 9 };
     double point[rings][LF_RING_MAX][3];
     const double bend = lf_build_between(b, 0.06, 0.16), start = lf_build_between(b, 0, 0.25);
-    const double base = c->seat + 0.4 * c->thick, z = 0.98 * c->hd - c->half_back;
+    const double base = c->seat + 0.4 * c->thick, z = 0.98 * c->hd - 0.028;
     for (int r = 0; r < rings; r++) {
         const double t = 2.0 * r / (rings - 1) - 1;
         for (int i = 0; i < 4; i++) {
@@ -225,6 +225,20 @@ static void build_frame_back(lf_builder *b, const chair *c, double w)
     }
 }
 
+/* One wide rail on two posts that lie within its thickness. */
+static void build_rail(lf_builder *b, const chair *c, double w)
+{
+    const double low = lf_build_between(b, 0.35, 0.6);
+    chair slim = *c;
+    slim.half_back = 0.85 * c->half_back;
+    for (int side = -1; side <= 1; side += 2) {
+        const double x = side * (0.75 * w - c->half_back);
+        back_piece(b, &slim, x - c->half_back, x + c->half_back, 0, 0.9);
+    }
+    use_colour(b, c->cover);
+    back_piece(b, c, -w, w, low, 1);
+}
+
 static void build_back(lf_builder *b, const chair *c)
 {
     const double narrow = c->seats == SEAT_ROUND ? 0.72 : c->seats == SEAT_TRAPEZE ? 0.78 : 0.98;
@@ -238,12 +252,8 @@ static void build_back(lf_builder *b, const chair *c)
         build_frame_back(b, c, w);
     } else if (c->backs == BACK_CURVED) {
         build_curved_back(b, c, w);
-    } else { /* one wide rail on two posts */
-        const double low = lf_build_between(b, 0.35, 0.6);
-        back_piece(b, c, -0.75 * w, -0.75 * w + 2 * c->half_back, 0, 0.9);
-        back_piece(b, c, 0.75 * w - 2 * c->half_back, 0.75 * w, 0, 0.9);
-        use_colour(b, c->cover);
-        back_piece(b, c, -w, w, low, 1);
+    } else {
+        build_rail(b, c, w);
     }
 }
 
