@@ -1,4 +1,4 @@
-/* linear.c: y = act(x w + b), its two backwards, and the general matrix product.
+/* linear.c: y = act(x w + b) and its two backwards.
  *
  *   forward   rows of y by tiles, the whole sum in registers          2 rows in out flops each
  *   dx        the same with w transposed while it is packed
@@ -32,10 +32,7 @@ static lf_real dot(long n, const lf_real *x, const lf_real *w)
         const long rest = n - i < LF_LANES ? n - i : LF_LANES;
         sum += lf_vec_load_part(x + i, rest) * lf_vec_load_part(w + i, rest);
     }
-    lf_real all = 0;
-    for (int l = 0; l < LF_LANES; l++)
-        all += sum[l];
-    return all;
+    return lf_vec_sum(sum);
 }
 
 static void one_output(long rows, long in, const lf_real *x, const lf_real *w, lf_real b,
@@ -144,14 +141,4 @@ void lf_kernel_linear_dw_lanes(long rows, long in, long out, const lf_real *x, c
         for (long o = 0; db && o < out; o++)
             db[o] += sum[in * out + o];
     }
-}
-
-/* ---- matmul ---------------------------------------------------------------------------------- */
-
-void lf_kernel_matmul(long m, long n, long k, const lf_real *a, const lf_real *b, lf_real *c,
-                      bool accumulate)
-{
-    const lf_blocked p = {
-        .rows = m, .in = k, .out = n, .x = a, .b = b, .accumulate = accumulate, .y = c};
-    lf_product_all(&p, m * n * k >= 1L << 18 ? 2 : m + 1);
 }

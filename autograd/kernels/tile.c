@@ -52,12 +52,8 @@ LF_INLINE void product(const int rows, const int vectors, const bool even, const
     const lf_real *from[LF_TILE];
     const lf_real *b = p->panel;
     UNROLL for (int r = 0; r < rows; r++) from[r] = even ? at->x0 + r * at->x_step : at->x[r];
-    if (p->start)
-        UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
-            lf_vec_load(p->start + v * LF_LANES);
-    else
-        UNROLL for (int r = 0; r < rows; r++)
-            load_row(vectors, result_row(even, p, at, r), p->width, sum[r]);
+    UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
+        p->start ? lf_vec_load(p->start + v * LF_LANES) : (lf_vec){0};
     for (long s = 0; s < p->window.segments; s++) {
         for (long k = 0; k < p->window.run; k++, b += p->panel_step) {
             lf_vec bv[3];
@@ -70,6 +66,13 @@ LF_INLINE void product(const int rows, const int vectors, const bool even, const
         }
         UNROLL for (int r = 0; r < rows; r++) from[r] += p->window.step;
     }
+    if (!p->start)
+        UNROLL for (int r = 0; r < rows; r++)
+        {
+            lf_vec old[3];
+            load_row(vectors, result_row(even, p, at, r), p->width, old);
+            UNROLL for (int v = 0; v < vectors; v++) sum[r][v] += old[v];
+        }
     if (p->act == LF_RELU)
         UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
             lf_vec_relu(sum[r][v]);
@@ -153,7 +156,7 @@ TILES_4(3)
     }
 #endif
 
-    static product_fn *const listed[3][LF_TILE] = TABLE(listed);
+static product_fn *const listed[3][LF_TILE] = TABLE(listed);
 static product_fn *const even[3][LF_TILE] = TABLE(even);
 static outer_fn *const outers[3][LF_TILE] = TABLE(outer);
 

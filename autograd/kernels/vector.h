@@ -40,6 +40,21 @@ LF_INLINE lf_vec lf_vec_all(lf_real x)
     return x - (lf_vec){0};
 }
 
+/* The sum of all numbers. */
+LF_INLINE lf_real lf_vec_sum(lf_vec v)
+{
+#if defined(__AVX512F__) && defined(LF_DOUBLE)
+    return _mm512_reduce_add_pd((__m512d)v);
+#elif defined(__AVX512F__)
+    return _mm512_reduce_add_ps((__m512)v);
+#else
+    lf_real sum = 0;
+    for (int i = 0; i < LF_LANES; i++)
+        sum += v[i];
+    return sum;
+#endif
+}
+
 /* max(v, 0), and NaN where v is NaN */
 LF_INLINE lf_vec lf_vec_relu(lf_vec v)
 {
