@@ -6,7 +6,13 @@
  */
 #include "datasets/mesh_file.h"
 
+#include <math.h>
+
 enum { HEAD = 84, FACET = 50 };
+
+/* OpenMesh takes coordinates for equal that differ by less than 1.2e-38: such differences are
+ * removed beforehand. */
+#define TINY 1e-30
 
 static uint32_t little_endian(const char *at)
 {
@@ -35,7 +41,8 @@ static void keep_facet(lf_scan *scan, double corner[3][3])
     for (int i = 0; i < 3; i++)
         lf_scan_emit(scan, &zero, sizeof zero);
     for (int i = 0; i < 9; i++) {
-        const float x = (float)corner[i / 3][i % 3];
+        const double given = corner[i / 3][i % 3];
+        const float x = fabs(given) < TINY ? 0 : (float)given;
         lf_scan_emit(scan, &x, sizeof x);
         corner[i / 3][i % 3] = (double)x;
     }
