@@ -6,7 +6,7 @@
  *
  * Frame and unit as of real collections (ShapeNetCore.v2): y up, front towards -z (bonnet, nose,
  * the seated person's look), bounding box centred at the origin with a diagonal of 1. Chairs have
- * no part thinner than about 0.03 of the diagonal, so that a 65 x 65 picture shows them all.
+ * no part thinner than about 0.025 of the diagonal, so that a 65 x 65 picture shows them all.
  *
  * (seed, family, index) names a shape: the same on every machine up to the last bits of libm.
  */

@@ -49,7 +49,7 @@ static void draw_wing(lf_builder *b, plane *p)
 static void draw_plane(lf_builder *b, plane *p)
 {
     static const double fat[KINDS][2] = {
-        {0.065, 0.085}, {0.050, 0.068}, {0.050, 0.065}, {0.048, 0.062}};
+        {0.068, 0.092}, {0.056, 0.076}, {0.055, 0.072}, {0.052, 0.068}};
     p->kind = (enum kind)lf_build_choice(b, KINDS);
     p->radius = lf_build_between(b, fat[p->kind][0], fat[p->kind][1]);
     draw_wing(b, p);
@@ -119,7 +119,7 @@ static void build_wing(lf_builder *b, const plane *p)
         const double t = fabs(share[r]), chord = p->root + t * (p->tip - p->root);
         const double at[3] = {share[r] * p->half_span, p->wing_y + t * p->dihedral,
                               p->wing_z + t * p->sweep};
-        section(point[r], at, chord, fmax(p->thickness * chord * (1 - 0.25 * t), 0.018), up);
+        section(point[r], at, chord, fmax(p->thickness * chord * (1 - 0.25 * t), 0.026), up);
     }
     use_colour(b, p->body);
     lf_build_loft(b, 5, 6, point);
@@ -134,8 +134,8 @@ static void build_fin(lf_builder *b, const double root[3], double root_chord, co
     up[0] = -dy / length;
     up[1] = dx / length;
     up[2] = 0;
-    section(point[0], root, root_chord, fmax(0.13 * root_chord, 0.016), up);
-    section(point[1], tip, tip_chord, fmax(0.12 * tip_chord, 0.014), up);
+    section(point[0], root, root_chord, fmax(0.14 * root_chord, 0.023), up);
+    section(point[1], tip, tip_chord, fmax(0.13 * tip_chord, 0.020), up);
     lf_build_loft(b, 2, 6, point);
 }
 
