@@ -30,9 +30,10 @@ typedef struct target {
 /* One product over all grid points: taps[0] x taps[1] last pixels of each window. */
 typedef struct class
 {
-    long taps[2];
+    long taps[2], residue[2];
     long i0, j0;
     const lf_real *panels; /* one after another: [terms][panel_step] */
+    lf_real *packed;       /* the same, still to be filled; NULL: they are the filter itself */
 } class;
 
 /* Panels [first, first + count) of the result's channels. */
@@ -40,7 +41,11 @@ typedef struct panel_range {
     long first, count;
 } panel_range;
 
+/* `flipped`: the filter is read as the adjoint does. */
 typedef struct plan {
+    const lf_conv *s;
+    const lf_real *w;
+    bool flipped;
     lf_gather from;
     target to;
     const lf_real *bias;
@@ -62,6 +67,37 @@ static long padded(long channels)
 static long min(long a, long b)
 {
     return a < b ? a : b;
+}
+
+/* ---- panels
+ * -------------------------------------------------------------------------------------- */
+
+/* Panel k of a class of dx: rows (tap, tap, out) from the last tap to the first, columns in. */
+static void pack_flipped(const lf_conv *s, const lf_real *w, const class *c, long k, lf_real *panel)
+{
+    const long r = c->residue[0], q = c->residue[1];
+    const long width = lf_panel_width(s->in, k * LF_PANEL);
+    for (long p = c->taps[0] - 1; p >= 0; p--)
+        for (long o = c->taps[1] - 1; o >= 0; o--) {
+            const long tap = (r + p * s->stride) * s->size + q + o * s->stride;
+            lf_pack_transposed(s->out, width, w + (tap * s->in + k * LF_PANEL) * s->out, s->out,
+                               panel);
+            panel += s->out * lf_panel_step(width);
+        }
+}
+
+/* Panel k of every class. */
+static void pack_panel(const plan *p, long classes, const class *c, long k)
+{
+    for (; classes > 0; classes--, c++) {
+        const long depth = c->taps[0] * c->taps[1] * p->from.channels;
+        lf_real *panel = c->packed + k * depth * LF_PANEL;
+        if (c->packed && p->flipped)
+            pack_flipped(p->s, p->w, c, k, panel);
+        else if (c->packed)
+            lf_pack(depth, lf_panel_width(p->s->out, k * LF_PANEL), p->w + k * LF_PANEL, p->s->out,
+                    panel);
+    }
 }
 
 /* ---- the grid -------------------------------------------------------------------------------- */
@@ -130,8 +166,10 @@ static void run_block(const plan *p, long classes, const class *c, panel_range o
 static void run_panels(const plan *p, long classes, const class *c, const lf_block *all)
 {
 #pragma omp parallel for schedule(static)
-    for (long k = 0; k < lf_panels(p->to.channels); k++)
+    for (long k = 0; k < lf_panels(p->to.channels); k++) {
+        pack_panel(p, classes, c, k);
         run_block(p, classes, c, (panel_range){k, 1}, all);
+    }
 }
 
 /* Parallel over blocks of lines and columns. */
@@ -144,6 +182,9 @@ static void run_blocks(const plan *p, long classes, const class *c, lf_block siz
     long down = (total + size.lines - 1) / size.lines;
     down = (down + threads - 1) / threads * threads;
     size.lines = (total + down - 1) / down;
+#pragma omp parallel for schedule(static)
+    for (long k = 0; k < lf_panels(p->to.channels); k++)
+        pack_panel(p, classes, c, k);
 #pragma omp parallel for schedule(static)
     for (long k = 0; k < down * across; k++) {
         lf_block b = {k / across * size.lines, size.lines, k % across * size.columns, size.columns};
@@ -178,23 +219,18 @@ static lf_gather windows(const lf_conv *s, const lf_real *x)
                        s->size, s->stride, s->pad};
 }
 
-/* The filter as panels: in place if it is one panel wide, else packed into scratch. */
-static const lf_real *pack_filter(const lf_conv *s, const lf_real *w, lf_real *panels)
+/* The filter can be read in place: it is one panel wide, in whole vectors. */
+static bool one_panel(const lf_conv *s, const lf_real *w)
 {
-    const long depth = s->size * s->size * s->in;
-    if (s->out <= LF_LAST_PANEL && s->out % LF_LANES == 0 && (uintptr_t)w % LF_VEC_BYTES == 0)
-        return w;
-#pragma omp parallel for schedule(static)
-    for (long k = 0; k < lf_panels(s->out); k++)
-        lf_pack(depth, lf_panel_width(s->out, k * LF_PANEL), w + k * LF_PANEL, s->out,
-                panels + k * depth * LF_PANEL);
-    return panels;
+    return s->out <= LF_LAST_PANEL && s->out % LF_LANES == 0 && (uintptr_t)w % LF_VEC_BYTES == 0;
 }
 
 void lf_kernel_conv(const lf_conv *s, const lf_real *x, const lf_real *w, const lf_real *b,
                     lf_activation act, lf_real *y, lf_real *scratch)
 {
-    const plan p = {.from = windows(s, x),
+    const plan p = {.s = s,
+                    .w = w,
+                    .from = windows(s, x),
                     .to = {y, s->out_height, s->out_width, s->out, 1},
                     .bias = b,
                     .act = act};
@@ -202,7 +238,9 @@ void lf_kernel_conv(const lf_conv *s, const lf_real *x, const lf_real *w, const 
         lf_ref_conv(s, x, w, b, act, y, scratch);
         return;
     }
-    const class all = {{s->size, s->size}, 0, 0, pack_filter(s, w, align(scratch))};
+    class all = {.taps = {s->size, s->size}, .panels = w};
+    if (!one_panel(s, w))
+        all.panels = all.packed = align(scratch);
     run_grid(&p, 1, &all);
 }
 
@@ -214,31 +252,12 @@ static long taps_of(const lf_conv *s, long r)
     return r < s->size ? (s->size - r + s->stride - 1) / s->stride : 0;
 }
 
-/* Panel k of class (r, q): rows (tap, tap, out) from the last tap to the first, columns in. */
-static void pack_class_panel(const lf_conv *s, const lf_real *w, long r, long q, long k,
-                             lf_real *panel)
-{
-    const long width = lf_panel_width(s->in, k * LF_PANEL);
-    for (long p = taps_of(s, r) - 1; p >= 0; p--)
-        for (long o = taps_of(s, q) - 1; o >= 0; o--) {
-            const long tap = (r + p * s->stride) * s->size + q + o * s->stride;
-            lf_pack_transposed(s->out, width, w + (tap * s->in + k * LF_PANEL) * s->out, s->out,
-                               panel);
-            panel += s->out * lf_panel_step(width);
-        }
-}
-
-/* Class (r, q) with its panels packed into `panels`; returns the end of what it used. */
-static lf_real *make_class(const lf_conv *s, const lf_real *w, long r, long q, lf_real *panels,
-                           class *c)
+/* Class (r, q) with room for its panels at `room`; returns the room's end. */
+static lf_real *make_class(const lf_conv *s, long r, long q, lf_real *room, class *c)
 {
     const long shift = s->pad / s->stride * s->stride - s->pad; /* of the grid's first line */
-    const long depth = taps_of(s, r) * taps_of(s, q) * s->out;
-    *c = (class){{taps_of(s, r), taps_of(s, q)}, shift + r, shift + q, panels};
-#pragma omp parallel for schedule(static)
-    for (long k = 0; k < lf_panels(s->in); k++)
-        pack_class_panel(s, w, r, q, k, panels + k * depth * LF_PANEL);
-    return panels + depth * padded(s->in);
+    *c = (class){{taps_of(s, r), taps_of(s, q)}, {r, q}, shift + r, shift + q, room, room};
+    return room + c->taps[0] * c->taps[1] * s->out * padded(s->in);
 }
 
 /* The grid of dx: point (i, j) sees the output pixels that reach the inputs of its classes. */
@@ -262,7 +281,10 @@ enum { MAX_STRIDE = 4 };
 void lf_kernel_conv_dx(const lf_conv *s, const lf_real *dy, const lf_real *w, lf_real *dx,
                        lf_real *scratch)
 {
-    const plan p = {.from = dx_windows(s, dy),
+    const plan p = {.s = s,
+                    .w = w,
+                    .flipped = true,
+                    .from = dx_windows(s, dy),
                     .to = {dx, s->height, s->width, s->in, s->stride},
                     .accumulate = true};
     if (!lf_gather_fits(&p.from) || s->stride > MAX_STRIDE) {
@@ -271,10 +293,10 @@ void lf_kernel_conv_dx(const lf_conv *s, const lf_real *dy, const lf_real *w, lf
     }
     class c[MAX_STRIDE * MAX_STRIDE];
     long classes = 0;
-    lf_real *panels = align(scratch);
+    lf_real *room = align(scratch);
     for (long r = 0; r < min(s->stride, s->size); r++)
         for (long q = 0; q < min(s->stride, s->size); q++)
-            panels = make_class(s, w, r, q, panels, &c[classes++]);
+            room = make_class(s, r, q, room, &c[classes++]);
     run_grid(&p, classes, c);
 }
 
