@@ -35,7 +35,8 @@ typedef struct lf_linear_layer {
     const lf_parameter *bias;   /* [out] or NULL */
 } lf_linear_layer;
 
-/* Weights normal with deviation gain / sqrt(in); bias 0. */
+/* Weights normal with deviation gain / sqrt(3 in), bias 0: the variance of the uniform +-1/sqrt(in)
+ * that the recipes were found with. Three times that variance cost 0.15 IoU after 1000 steps. */
 void lf_linear_init(lf_store *store, lf_linear_layer *layer, const char *prefix, long in, long out,
                     bool bias, double gain);
 lf_tensor *lf_linear_apply(lf_tape *tape, const lf_linear_layer *layer, lf_tensor *x,

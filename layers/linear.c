@@ -7,7 +7,7 @@ void lf_linear_init(lf_store *store, lf_linear_layer *layer, const char *prefix,
 {
     char name[160];
     snprintf(name, sizeof name, "%s.weight", prefix);
-    const double deviation = gain / sqrt((double)(in > 0 ? in : 1));
+    const double deviation = gain / sqrt(3 * (double)(in > 0 ? in : 1));
     layer->weight = lf_store_add(store, name, 2, LF_DIMS(in, out), 0, deviation, true);
     snprintf(name, sizeof name, "%s.bias", prefix);
     layer->bias = bias ? lf_store_add(store, name, 1, LF_DIMS(out), 0, 0, true) : NULL;
@@ -50,7 +50,7 @@ void lf_mlp_init(lf_store *store, lf_mlp *mlp, const char *prefix, long in, int 
         char name[128];
         snprintf(name, sizeof name, "%s.%d", prefix, i);
         const long to = i < widths ? width[i] : out;
-        lf_linear_init(store, &mlp->layer[i], name, in, to, true, i < widths ? sqrt(2.0) : 1);
+        lf_linear_init(store, &mlp->layer[i], name, in, to, true, 1);
         in = to;
     }
 }
