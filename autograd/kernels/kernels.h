@@ -6,6 +6,9 @@
  *          size * in adjacent numbers with a [size * size * in, out] matrix.
  * Memory:  nothing is allocated; the caller owns all arrays and gives scratch where it is asked
  *          for (any alignment, contents undefined before and after). No array may overlap another.
+ *          Up to 512 KiB of the calling thread's stack are used.
+ * Limits:  a convolution whose window (size rows of size pixels) exceeds 256 KiB, and the adjoint
+ *          in x of a stride above 4, run as the plain loops of the reference.
  * Bounds:  nothing outside the given arrays is read or written, whatever the sizes. Sizes are >= 0
  *          (an empty product adds nothing) and are the caller's to check.
  * Threads: OpenMP when called outside a parallel region, serial inside one. Results do not depend
