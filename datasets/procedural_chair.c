@@ -40,10 +40,10 @@ static void draw_chair(lf_builder *b, chair *c)
     c->hd = lf_build_between(b, 0.20, 0.29);
     c->seat = lf_build_between(b, 0.32, 0.50);
     c->thick = lf_build_between(b, 0.045, 0.10);
-    c->leg = lf_build_between(b, 0.021, 0.036);
+    c->leg = lf_build_between(b, 0.024, 0.038);
     c->back = lf_build_between(b, 0.34, 0.62);
     c->lean = lf_build_between(b, 0.0, 0.13);
-    c->half_back = lf_build_between(b, 0.021, 0.035);
+    c->half_back = lf_build_between(b, 0.023, 0.036);
     c->legs = (enum leg_style)lf_build_choice(b, 6);
     c->seats = (enum seat_style)lf_build_choice(b, 4);
     c->backs = (enum back_style)lf_build_choice(b, 5);
@@ -94,11 +94,11 @@ static void build_four_legs(lf_builder *b, const chair *c)
     }
     for (int i = 0; stretchers && i < 2; i++) {
         const double sx = (i ? x : -x) * at;
-        lf_build_bar(b, 2, 4, end_at(sx, height * c->seat, -z * at, 0.019, 0.019),
-                     end_at(sx, height * c->seat, z * at, 0.019, 0.019));
+        lf_build_bar(b, 2, 4, end_at(sx, height * c->seat, -z * at, 0.023, 0.023),
+                     end_at(sx, height * c->seat, z * at, 0.023, 0.023));
     }
     if (stretchers)
-        lf_build_box(b, 0, height * c->seat, 0, x * at, 0.019, 0.019);
+        lf_build_box(b, 0, height * c->seat, 0, x * at, 0.023, 0.023);
 }
 
 /* Two frames that stand on runners. */
@@ -139,8 +139,8 @@ static void build_pedestal(lf_builder *b, const chair *c)
         const int axis = fabs(x) > fabs(z) ? 0 : 2;
         const bool along_x = axis == 0;
         lf_build_bar(b, axis, 4,
-                     end_at(0, 0.09, 0, along_x ? 0.025 : 0.028, along_x ? 0.028 : 0.025),
-                     end_at(x, 0.055, z, along_x ? 0.02 : 0.022, along_x ? 0.022 : 0.02));
+                     end_at(0, 0.09, 0, along_x ? 0.027 : 0.029, along_x ? 0.029 : 0.027),
+                     end_at(x, 0.055, z, along_x ? 0.024 : 0.025, along_x ? 0.025 : 0.024));
         lf_build_ellipsoid(b, (double[3]){x, 0.03, z}, (double[3]){0.032, 0.032, 0.032});
     }
 }
@@ -205,7 +205,7 @@ static void build_curved_back(lf_builder *b, const chair *c, double half_width)
 static void build_slats(lf_builder *b, const chair *c, double w)
 {
     const int slats = 3 + lf_build_choice(b, 3);
-    const double half = fmin(lf_build_between(b, 0.020, 0.034), 0.7 * w / slats);
+    const double half = fmin(lf_build_between(b, 0.023, 0.035), 0.7 * w / slats);
     for (int i = 0; i < slats; i++) {
         const double x = (w - half) * (2.0 * i / (slats - 1) - 1);
         back_piece(b, c, x - half, x + half, 0, 0.96);
@@ -261,7 +261,7 @@ static void build_arms(lf_builder *b, const chair *c)
 {
     const enum arm_style style = (enum arm_style)lf_build_choice(b, 3);
     const double y = c->seat + c->thick, height = lf_build_between(b, 0.16, 0.26);
-    const double half = lf_build_between(b, 0.022, 0.04), front = lf_build_between(b, 0.6, 0.98);
+    const double half = lf_build_between(b, 0.024, 0.04), front = lf_build_between(b, 0.6, 0.98);
     const double x = c->hw + half - 0.015;
     const double z0 = -front * c->hd, z1 = 0.96 * c->hd;
     use_colour(b, style == ARMS_SOLID ? c->cover : c->frame);
@@ -271,12 +271,12 @@ static void build_arms(lf_builder *b, const chair *c)
                          (height + c->thick) / 2, (z1 - z0) / 2);
             continue;
         }
-        lf_build_box(b, side * x, y + height, (z0 + z1) / 2, half, 0.022, (z1 - z0) / 2);
-        lf_build_box(b, side * x, y + (height - c->thick) / 2, z1 - 0.03, 0.022,
-                     (height + c->thick) / 2, 0.022);
+        lf_build_box(b, side * x, y + height, (z0 + z1) / 2, half, 0.024, (z1 - z0) / 2);
+        lf_build_box(b, side * x, y + (height - c->thick) / 2, z1 - 0.03, 0.024,
+                     (height + c->thick) / 2, 0.024);
         if (style == ARMS_POSTS)
-            lf_build_box(b, side * x, y + (height - c->thick) / 2, z0 + 0.06, 0.022,
-                         (height + c->thick) / 2, 0.022);
+            lf_build_box(b, side * x, y + (height - c->thick) / 2, z0 + 0.06, 0.024,
+                         (height + c->thick) / 2, 0.024);
     }
 }
 
