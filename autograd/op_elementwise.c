@@ -85,7 +85,7 @@ lf_tensor *lf_relu(lf_tape *tape, lf_tensor *x)
 {
     lf_tensor *y = lf_tensor_like(tape, x);
     for (long i = 0; i < y->size; i++)
-        y->value[i] = x->value[i] > 0 ? x->value[i] : 0;
+        y->value[i] = x->value[i] < 0 ? 0 : x->value[i]; /* NaN stays NaN */
     lf_record(tape, "relu", relu_backward, NULL, LF_IN(x), LF_OUT(y));
     return y;
 }

@@ -109,7 +109,7 @@ lf_tensor *lf_norm_relu(lf_tape *tape, lf_tensor *v, lf_tensor *beta)
             const lf_real n = LF_SQRT(x[i] * x[i] + x[c + i] * x[c + i] +
                                       x[2 * c + i] * x[2 * c + i] + relu_epsilon);
             const lf_real shifted = n + beta->value[i];
-            const lf_real scale = (shifted > 0 ? shifted : 0) / n;
+            const lf_real scale = (shifted < 0 ? 0 : shifted) / n; /* NaN stays NaN */
             o[i] = scale * x[i];
             o[c + i] = scale * x[c + i];
             o[2 * c + i] = scale * x[2 * c + i];

@@ -51,7 +51,7 @@ lf_tensor *lf_vector_relu(lf_tape *tape, lf_tensor *p, lf_tensor *k)
             const long at = 3 * r * c + i;
             const lf_real *pv = p->value + at, *kv = k->value + at;
             const lf_real s = dot3(pv, kv, c), m = dot3(kv, kv, c) + epsilon;
-            const lf_real f = s < 0 ? keep * s / m : 0;
+            const lf_real f = s >= 0 ? 0 : keep * s / m; /* NaN stays NaN */
             for (int a = 0; a < 3; a++)
                 u->value[at + a * c] = pv[a * c] - f * kv[a * c];
         }

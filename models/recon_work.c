@@ -6,6 +6,7 @@ typedef struct lane {
     lf_tape *tape;
     lf_real *grad; /* of the head's parameters */
     double loss;
+    char nonfinite[64]; /* of the first tile that had one; the tape forgets it at the next tile */
 } lane;
 
 struct lf_recon_work {
@@ -52,12 +53,23 @@ void lf_recon_work_check(lf_recon_work *work, bool on)
         lf_tape_set_check(work->lane[l].tape, on);
 }
 
+static bool is_forward(const char *found)
+{
+    return found && strncmp(found, "forward", 7) == 0;
+}
+
+/* In the order of the work: forward of the features, of a tile, backward of a tile, of the rest. */
 const char *lf_recon_nonfinite(const lf_recon_work *work)
 {
-    const char *found = lf_tape_nonfinite(work->features);
-    for (int l = 0; l < LF_RECON_LANES && !found; l++)
-        found = lf_tape_nonfinite(work->lane[l].tape);
-    return found;
+    const char *features = lf_tape_nonfinite(work->features), *tile = NULL;
+    if (is_forward(features))
+        return features;
+    for (int l = 0; l < LF_RECON_LANES; l++) {
+        const char *found = work->lane[l].nonfinite;
+        if (found[0] && (!tile || (is_forward(found) && !is_forward(tile))))
+            tile = found;
+    }
+    return tile ? tile : features;
 }
 
 size_t lf_recon_work_bytes(const lf_recon_work *work)
@@ -134,9 +146,13 @@ static void run_lane(const batch *b, int number)
     const long tile = b->work->tile, count = b->points->count, tiles = (count + tile - 1) / tile;
     memset(l->grad, 0, (size_t)b->work->head_size * sizeof *l->grad);
     l->loss = 0;
+    l->nonfinite[0] = 0;
     for (long t = number; t < tiles; t += LF_RECON_LANES) {
         const long from = t * tile;
         l->loss += run_tile(b, l, from, count - from < tile ? count - from : tile);
+        const char *found = lf_tape_nonfinite(l->tape);
+        if (found && !l->nonfinite[0])
+            snprintf(l->nonfinite, sizeof l->nonfinite, "%s", found);
     }
 }
 
