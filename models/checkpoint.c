@@ -60,13 +60,14 @@ static lf_status not_ours(const char *path, const char *what, lf_error *err)
                    what);
 }
 
+/* A number from 0 to 1e15, which fits a long. */
 static lf_status read_number(const lf_safetensors *file, const char *path, const char *key,
                              double *out, lf_error *err)
 {
     const char *text = lf_safetensors_meta(file, key);
     char *end = NULL;
     *out = text ? strtod(text, &end) : 0;
-    if (!text || end == text || *end)
+    if (!text || end == text || *end || !(*out >= 0 && *out <= 1e15))
         return not_ours(path, key, err);
     return LF_OK;
 }
@@ -83,8 +84,6 @@ static lf_status read_state(const lf_safetensors *file, const char *path, lf_tra
     LF_TRY(read_number(file, path, "seconds", &seconds, err));
     LF_TRY(read_number(file, path, "skipped", &skipped, err));
     LF_TRY(read_number(file, path, "bad_in_a_row", &bad, err));
-    if (!(step >= 0 && step <= 1e15 && adam >= 0 && adam <= 1e15))
-        return not_ours(path, "step", err);
     if (state)
         *state = (lf_training_state){(long)step, (long)skipped, (long)bad, seconds};
     if (adam_steps)
