@@ -28,6 +28,8 @@ void lf_adam_step(lf_adam *adam, lf_store *store, double lr)
     const lf_adam_config *c = &adam->config;
     const double t = (double)++adam->steps;
     const lf_real b1 = (lf_real)c->beta1, b2 = (lf_real)c->beta2, eps = (lf_real)c->eps;
+    /* not 1 - b2, which is 1e-5 off in float */
+    const lf_real a1 = (lf_real)(1 - c->beta1), a2 = (lf_real)(1 - c->beta2);
     const lf_real rate = (lf_real)(lr / (1 - pow(c->beta1, t)));
     const lf_real correction = (lf_real)(1 / (1 - pow(c->beta2, t)));
     const lf_real decay = (lf_real)(c->decoupled ? 0 : c->weight_decay);
@@ -41,8 +43,8 @@ void lf_adam_step(lf_adam *adam, lf_store *store, double lr)
         const lf_real *restrict grad = lf_grads(p);
         for (long k = 0; k < p->size; k++) {
             const lf_real g = grad[k] + decay * x[k];
-            m[k] = b1 * m[k] + (1 - b1) * g;
-            v[k] = b2 * v[k] + (1 - b2) * g * g;
+            m[k] = b1 * m[k] + a1 * g;
+            v[k] = b2 * v[k] + a2 * g * g;
             x[k] = shrink * x[k] - rate * m[k] / (LF_SQRT(v[k] * correction) + eps);
         }
     }
