@@ -34,17 +34,19 @@ lf_status lf_checkpoint_write(const char *path, const lf_store *store, const lf_
         array[n] = array_of(p, name[n], "adam.v.", adam->v + p->offset);
         n++;
     }
-    char number[5][NUMBER];
+    char number[7][NUMBER];
     snprintf(number[0], NUMBER, "%ld", state->step);
     snprintf(number[1], NUMBER, "%ld", adam->steps);
     snprintf(number[2], NUMBER, "%.17g", state->seconds);
     snprintf(number[3], NUMBER, "%ld", state->skipped);
     snprintf(number[4], NUMBER, "%ld", state->bad_in_a_row);
+    snprintf(number[5], NUMBER, "%.17g", state->loss_sum);
+    snprintf(number[6], NUMBER, "%ld", state->loss_steps);
     char *text = lf_config_text(cfg);
-    const lf_meta meta[] = {{"format", FORMAT},        {"step", number[0]},
-                            {"adam_steps", number[1]}, {"seconds", number[2]},
-                            {"skipped", number[3]},    {"bad_in_a_row", number[4]},
-                            {"config", text}};
+    const lf_meta meta[] = {
+        {"format", FORMAT},      {"step", number[0]},       {"adam_steps", number[1]},
+        {"seconds", number[2]},  {"skipped", number[3]},    {"bad_in_a_row", number[4]},
+        {"loss_sum", number[5]}, {"loss_steps", number[6]}, {"config", text}};
     const lf_status status =
         lf_safetensors_write(path, array, n, meta, (int)(sizeof meta / sizeof *meta), fault, err);
     free(text);
@@ -72,6 +74,17 @@ static lf_status read_number(const lf_safetensors *file, const char *path, const
     return LF_OK;
 }
 
+/* The losses since the last line of metrics; none if the file does not tell. */
+static void read_losses(const lf_safetensors *file, lf_training_state *state)
+{
+    const char *sum = lf_safetensors_meta(file, "loss_sum");
+    const char *steps = lf_safetensors_meta(file, "loss_steps");
+    state->loss_sum = sum ? strtod(sum, NULL) : 0;
+    state->loss_steps = steps ? strtol(steps, NULL, 10) : 0;
+    if (state->loss_steps < 0 || state->loss_steps > state->step)
+        state->loss_sum = 0, state->loss_steps = 0;
+}
+
 static lf_status read_state(const lf_safetensors *file, const char *path, lf_training_state *state,
                             long *adam_steps, lf_error *err)
 {
@@ -84,8 +97,10 @@ static lf_status read_state(const lf_safetensors *file, const char *path, lf_tra
     LF_TRY(read_number(file, path, "seconds", &seconds, err));
     LF_TRY(read_number(file, path, "skipped", &skipped, err));
     LF_TRY(read_number(file, path, "bad_in_a_row", &bad, err));
-    if (state)
-        *state = (lf_training_state){(long)step, (long)skipped, (long)bad, seconds};
+    if (state) {
+        *state = (lf_training_state){(long)step, (long)skipped, (long)bad, seconds, 0, 0};
+        read_losses(file, state);
+    }
     if (adam_steps)
         *adam_steps = (long)adam;
     return LF_OK;

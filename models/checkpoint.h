@@ -2,7 +2,8 @@
  *
  * Arrays: every parameter under its name; the optimiser's moments as adam.m.<name>, adam.v.<name>.
  * Metadata: "format" = "elf-checkpoint-1", "step", "adam_steps", "seconds", "skipped",
- * "bad_in_a_row", and "config", the whole resolved INI. Written whole or not at all.
+ * "bad_in_a_row", "loss_sum" and "loss_steps" (0 where they are missing), and "config", the whole
+ * resolved INI. Written whole or not at all.
  */
 #ifndef LF_MODELS_CHECKPOINT_H
 #define LF_MODELS_CHECKPOINT_H
@@ -17,6 +18,8 @@ typedef struct lf_training_state {
     long skipped;      /* steps without an update: something was not finite */
     long bad_in_a_row; /* of these, the last ones */
     double seconds;    /* of training so far */
+    double loss_sum;   /* of the steps since the last line of metrics, */
+    long loss_steps;   /* and their number */
 } lf_training_state;
 
 /* `fault` as in safetensors.h (NULL except in tests). */

@@ -99,16 +99,22 @@ void lf_run_close(lf_run *run)
 
 /* ---- starting -------------------------------------------------------------------------------- */
 
-static lf_status create(lf_run *run, const char *config_text, lf_error *err)
+lf_status lf_run_vacant(const char *out, lf_error *err)
 {
     static const char *const names[] = {"config.ini", "metrics.jsonl", "checkpoints", "latest"};
-    LF_TRY(make_folders(run->path, err));
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        if (exists(run->path, names[i]))
+        if (exists(out, names[i]))
             return lf_fail(err, LF_BAD_INPUT,
                            "%s holds another run (%s): choose another folder with --out, or go on "
                            "with that run with --resume %s",
-                           run->path, names[i], run->path);
+                           out, names[i], out);
+    return LF_OK;
+}
+
+static lf_status create(lf_run *run, const char *config_text, lf_error *err)
+{
+    LF_TRY(make_folders(run->path, err));
+    LF_TRY(lf_run_vacant(run->path, err));
     char *checkpoints = lf_path_join(run->path, "checkpoints");
     const lf_status status = make_folders(checkpoints, err);
     free(checkpoints);

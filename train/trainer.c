@@ -22,9 +22,9 @@ typedef struct trainer {
     lf_progress progress;
     double started;                    /* clock at the start of the loop, less state.seconds */
     double data_seconds, step_seconds; /* since the last log line */
-    double loss_sum;
-    long logged; /* step of the last log line */
-    long saved;  /* step of the last checkpoint; -1 none */
+    long timed;                        /* step at which these two began */
+    lf_real *statistics;               /* what a step changes before it is known to be good */
+    long saved;                        /* step of the last checkpoint; -1 none */
     lf_validation validation;
     bool validated; /* at the current step */
 } trainer;
@@ -63,8 +63,9 @@ static lf_status prepare(trainer *t, const char *split, lf_shapes **shapes, lf_e
                        lf_shapes_count(*shapes), mb, most);
     prepare_progress p = {
         lf_progress_start(stdout, "shape", 0, lf_shapes_count(*shapes), t->options->quiet), now()};
-    LF_TRY(lf_shapes_prepare(*shapes, prepared, &p, err));
+    const lf_status status = lf_shapes_prepare(*shapes, prepared, &p, err);
     lf_progress_end(&p.progress);
+    LF_TRY(status);
     long doubtful, samples;
     lf_shapes_doubtful(*shapes, &doubtful, &samples);
     if (!t->options->quiet)
@@ -86,6 +87,8 @@ static void build_model(trainer *t)
     lf_adam_init(&t->adam, &adam, t->store);
     t->work = lf_recon_work_create(&t->model, lf_config_int(t->cfg, "train.tile_points"));
     lf_recon_work_check(t->work, t->options->check_finite);
+    t->statistics = calloc((size_t)lf_store_size(t->store), sizeof *t->statistics);
+    LF_REQUIRE(t->statistics, "out of memory for %ld numbers", lf_store_size(t->store));
 }
 
 static lf_sdf_loss_config loss_config(const lf_config *cfg)
@@ -120,13 +123,20 @@ static void print_plan(trainer *t)
     lf_store_free(store);
 }
 
+/* What can be refused is refused before the shapes are rendered. */
+static lf_status check_start(trainer *t, lf_error *err)
+{
+    if (t->options->resume)
+        LF_TRY(lf_checkpoint_read(t->options->resume, t->store, &t->adam, err));
+    if (t->options->resume && !t->options->fresh)
+        return LF_OK;
+    return lf_run_vacant(t->options->out, err);
+}
+
 static lf_status open_run(trainer *t, lf_error *err)
 {
-    if (t->options->resume) {
-        LF_TRY(lf_checkpoint_read(t->options->resume, t->store, &t->adam, err));
-        if (!t->options->fresh)
-            return lf_run_open(t->options->out, t->state.step, &t->run, err);
-    }
+    if (t->options->resume && !t->options->fresh)
+        return lf_run_open(t->options->out, t->state.step, &t->run, err);
     char *text = lf_config_text(t->cfg);
     const lf_status status = lf_run_create(t->options->out, text, &t->run, err);
     free(text);
@@ -153,15 +163,14 @@ static lf_status save(trainer *t, lf_error *err)
 
 static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
 {
-    const long steps = t->state.step - t->logged;
     const double wall = t->step_seconds + t->data_seconds;
     json_t *line = json_object();
     json_object_set_new(line, "step", json_integer(t->state.step));
     lf_json_real(line, "seconds", now() - t->started);
-    lf_json_real(line, "loss", t->loss_sum / (double)steps);
+    lf_json_real(line, "loss", t->state.loss_sum / (double)t->state.loss_steps);
     lf_json_real(line, "lr", lr);
     lf_json_real(line, "grad_norm", norm);
-    lf_json_real(line, "steps_per_s", (double)steps / wall);
+    lf_json_real(line, "steps_per_s", (double)(t->state.step - t->timed) / wall);
     lf_json_real(line, "data_share", t->data_seconds / wall);
     lf_json_real(line, "peak_rss_mb", lf_peak_rss_mb());
     json_object_set_new(line, "skipped", json_integer(t->state.skipped));
@@ -169,9 +178,22 @@ static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
         lf_json_real(line, "val_loss", t->validation.loss);
         lf_json_real(line, "val_iou", t->validation.iou);
     }
-    t->logged = t->state.step;
-    t->loss_sum = t->step_seconds = t->data_seconds = 0;
+    t->timed = t->state.step;
+    t->state.loss_steps = 0;
+    t->state.loss_sum = t->step_seconds = t->data_seconds = 0;
     return lf_run_log(t->run, line, err);
+}
+
+/* Running statistics, which the forward of a step changes: put aside, and brought back if the step
+ * is skipped. */
+static void copy_statistics(trainer *t, bool back)
+{
+    for (int i = 0; i < lf_store_count(t->store); i++) {
+        const lf_parameter *p = lf_store_at(t->store, i);
+        lf_real *kept = t->statistics + p->offset, *value = lf_values(p);
+        if (!p->trainable)
+            memcpy(back ? value : kept, back ? kept : value, (size_t)p->size * sizeof *kept);
+    }
 }
 
 /* An update, or a skipped step if something is not finite. */
@@ -188,6 +210,7 @@ static lf_status update(trainer *t, double loss, double lr, double *norm, lf_err
     }
     const long most = lf_config_int(t->cfg, "train.max_bad_steps");
     const char *op = lf_recon_nonfinite(t->work);
+    copy_statistics(t, true);
     t->state.skipped++;
     t->state.bad_in_a_row++;
     lf_progress_say(&t->progress, "step %ld skipped: loss %g, gradient norm %g%s%s", t->state.step,
@@ -218,13 +241,15 @@ static lf_status one_step(trainer *t, lf_error *err)
     const double lr = lf_learning_rate(t->cfg, t->state.step), t0 = now();
     const lf_batch b = lf_batches_at(t->batches, t->options->overfit ? 0 : t->state.step);
     const double t1 = now();
+    copy_statistics(t, false);
     const double loss = lf_recon_step(t->work, b.images, b.image, &b.points, b.sdf, &loss_keys);
     double norm;
     LF_TRY(update(t, loss, lr, &norm, err));
     t->state.step++;
     t->data_seconds += t1 - t0;
     t->step_seconds += now() - t1;
-    t->loss_sum += loss;
+    t->state.loss_sum += loss;
+    t->state.loss_steps++;
     t->validated = false;
     const long step = t->state.step;
     const bool last = step == total;
@@ -247,7 +272,12 @@ static lf_status loop(trainer *t, lf_error *err)
 {
     const long steps = lf_config_int(t->cfg, "train.steps");
     t->started = now() - t->state.seconds;
-    t->logged = t->state.step;
+    t->timed = t->state.step;
+    if (t->options->resume && !t->options->fresh)
+        t->saved = t->state.step;
+    if (t->state.step >= steps && !t->options->quiet)
+        printf("nothing to do: step %ld of %ld; to go on, --set train.steps=MORE\n", t->state.step,
+               steps);
     t->progress = lf_progress_start(stdout, "step", t->state.step, steps, t->options->quiet);
     while (t->state.step < steps && !interrupted(t)) {
         const lf_status status = one_step(t, err);
@@ -269,6 +299,7 @@ static lf_status loop(trainer *t, lf_error *err)
 static lf_status train_all(trainer *t, lf_error *err)
 {
     build_model(t);
+    LF_TRY(check_start(t, err));
     LF_TRY(prepare(t, "train", &t->shapes, err));
     if (lf_config_int(t->cfg, "data.val_shapes") > 0)
         LF_TRY(prepare(t, "val", &t->val, err));
@@ -289,6 +320,7 @@ lf_status lf_train(const lf_config *cfg, const lf_train_options *options, lf_err
     lf_adam_free(&t.adam);
     lf_recon_free(&t.model);
     lf_store_free(t.store);
+    free(t.statistics);
     lf_shapes_close(t.val);
     lf_shapes_close(t.shapes);
     return status;
