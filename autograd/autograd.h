@@ -30,7 +30,10 @@ typedef struct lf_tensor {
     long dim[LF_MAX_RANK];
     long size;      /* product of the dims */
     lf_real *value; /* [size] */
-    lf_real *grad;  /* [size], or NULL: nothing flows into this tensor */
+    lf_real *grad;  /* [size]; NULL before the backward walk reaches the tensor: see lf_grad */
+    bool wants;     /* a gradient flows into this tensor */
+    struct lf_tensor *of; /* a view's tensor, whose numbers from `offset` on it shows; or NULL */
+    long offset;
 } lf_tensor;
 
 /* Length of the last axis (1 for rank 0), and size / that. */
@@ -114,8 +117,16 @@ void lf_tape_set_lane(lf_tape *tape, lf_real *lane, long first);
 size_t lf_tape_bytes(const lf_tape *tape);
 size_t lf_tape_peak(const lf_tape *tape);
 
-/* Scratch or saved memory that lives until the reset; 64-byte aligned, not cleared. */
+/* Scratch or saved memory; 64-byte aligned, not cleared. It lives until the reset, inside a
+ * backward until that backward returns, and not longer than a release allows. */
 void *lf_alloc(lf_tape *tape, size_t bytes);
+/* Give back all that was allocated since the mark: for scratch that a forward needs no longer. */
+typedef struct lf_mark {
+    const void *block;
+    size_t used;
+} lf_mark;
+lf_mark lf_tape_mark(const lf_tape *tape);
+void lf_tape_release(lf_tape *tape, lf_mark mark);
 lf_real *lf_alloc_reals(lf_tape *tape, long n);
 
 /* A tensor of the tape, values not set, no grad (lf_record gives it one if it needs it). */
@@ -123,6 +134,8 @@ lf_tensor *lf_tensor_new(lf_tape *tape, int rank, const long *dim);
 lf_tensor *lf_tensor_like(lf_tape *tape, const lf_tensor *shape);
 /* The same rows with another last axis: dims of x, the last one replaced by `cols`. */
 lf_tensor *lf_tensor_cols(lf_tape *tape, const lf_tensor *x, long cols);
+/* Values and, if the tape is on and x wants one, gradient of x from number `offset` on. */
+lf_tensor *lf_view(lf_tape *tape, lf_tensor *x, long offset, int rank, const long *dim);
 /* The caller's memory seen as a tensor; grad may be NULL. The memory must outlive the tape's use.
  */
 lf_tensor *lf_leaf(lf_tape *tape, int rank, const long *dim, lf_real *value, lf_real *grad);
@@ -131,8 +144,9 @@ lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p);
 
 #define LF_DIMS(...) ((const long[]){__VA_ARGS__})
 
-/* The last act of every op: give the outputs a zeroed grad and record the node if any input has a
- * grad and the tape is on. Inputs may be NULL (an absent bias). */
+/* The last act of every op: record the node, and mark the outputs as wanting a gradient, if an
+ * input does and the tape is on. Inputs may be NULL (an absent bias). In the backward every output
+ * has a grad, every input that wants one has one, the others have NULL. */
 void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *saved, int n_in,
                lf_tensor *const *in, int n_out, lf_tensor *const *out);
 #define LF_IN(...)                                                                                 \
@@ -142,10 +156,16 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
     }
 #define LF_OUT(...) LF_IN(__VA_ARGS__)
 
+/* The gradient of a tensor, made and zeroed if it is not there yet; NULL if it wants none. For
+ * callers that add to it before lf_backward_from. The walk makes the others when it needs them and
+ * reuses their memory as soon as their node has run, so a gradient is gone after the walk; those of
+ * leaves and parameters, which are the caller's, stay. */
+lf_real *lf_grad(lf_tape *tape, lf_tensor *t);
+
 /* Add d(loss)/d(tensor) to the grad of every tensor the loss depends on; loss has one element and
  * `seed` is its own gradient (1, or a weight). */
 void lf_backward(lf_tape *tape, lf_tensor *loss, lf_real seed);
-/* The same from a tensor whose grad the caller has filled. */
+/* The same from tensors whose lf_grad the caller has filled. */
 void lf_backward_from(lf_tape *tape);
 
 #endif

@@ -18,7 +18,6 @@ static lf_conv shape_of(const lf_tensor *x, const lf_tensor *w, long stride, lon
 typedef struct kept {
     lf_conv shape;
     lf_activation act;
-    lf_real *scratch;
 } kept;
 
 /* dy where y is positive, in fresh memory. */
@@ -37,10 +36,11 @@ static void backward(const lf_node *node)
     const lf_tensor *y = node->out[0];
     lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
     const lf_real *g = k->act == LF_RELU ? masked(node->tape, y) : y->grad;
+    lf_real *scratch = lf_alloc_reals(node->tape, lf_conv_scratch(&k->shape));
     if (w->grad)
-        lf_kernel_conv_dw(&k->shape, x->value, g, w->grad, b ? b->grad : NULL, k->scratch);
+        lf_kernel_conv_dw(&k->shape, x->value, g, w->grad, b ? b->grad : NULL, scratch);
     if (x->grad)
-        lf_kernel_conv_dx(&k->shape, g, w->value, x->grad, k->scratch);
+        lf_kernel_conv_dx(&k->shape, g, w->value, x->grad, scratch);
 }
 
 lf_tensor *lf_conv2d(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, long stride, long pad,
@@ -53,14 +53,16 @@ lf_tensor *lf_conv2d(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lo
                w->dim[1], w->dim[2], w->dim[3]);
     LF_REQUIRE(!b || b->size == w->dim[3], "lf_conv2d: %ld biases for %ld outputs", b->size,
                w->dim[3]);
-    LF_REQUIRE(!b || !b->grad || w->grad,
+    LF_REQUIRE(!b || !b->wants || w->wants,
                "lf_conv2d: a bias with gradient needs a filter with one");
     kept *k = lf_alloc(tape, sizeof *k);
-    *k = (kept){shape_of(x, w, stride, pad), act, NULL};
-    k->scratch = lf_alloc_reals(tape, lf_conv_scratch(&k->shape));
+    *k = (kept){shape_of(x, w, stride, pad), act};
     const lf_conv *s = &k->shape;
     lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(s->images, s->out_height, s->out_width, s->out));
-    lf_kernel_conv(s, x->value, w->value, b ? b->value : NULL, act, y->value, k->scratch);
+    const lf_mark mark = lf_tape_mark(tape);
+    lf_real *scratch = lf_alloc_reals(tape, lf_conv_scratch(s));
+    lf_kernel_conv(s, x->value, w->value, b ? b->value : NULL, act, y->value, scratch);
+    lf_tape_release(tape, mark);
     lf_record(tape, "conv2d", backward, k, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

@@ -46,7 +46,7 @@ lf_tensor *lf_concat(lf_tape *tape, int count, lf_tensor *const *parts)
 
 lf_tensor *lf_reshape(lf_tape *tape, lf_tensor *x, int rank, const long *dim)
 {
-    lf_tensor *y = lf_leaf(tape, rank, dim, x->value, x->grad);
+    lf_tensor *y = lf_view(tape, x, 0, rank, dim);
     LF_REQUIRE(y->size == x->size, "lf_reshape: %ld numbers into %ld", x->size, y->size);
     return y;
 }
@@ -59,8 +59,7 @@ lf_tensor *lf_rows_view(lf_tape *tape, lf_tensor *x, long from, long count)
     long dim[LF_MAX_RANK] = {count};
     for (int i = 1; i < x->rank; i++)
         dim[i] = x->dim[i];
-    return lf_leaf(tape, x->rank, dim, x->value + from * row,
-                   x->grad ? x->grad + from * row : NULL);
+    return lf_view(tape, x, from * row, x->rank, dim);
 }
 
 static void add_group_backward(const lf_node *node)

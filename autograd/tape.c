@@ -6,13 +6,19 @@
 #include <stdalign.h>
 #include "autograd/autograd.h"
 
-enum { ALIGNMENT = 64, FIRST_BLOCK = 1 << 20, FIRST_NODES = 256 };
+enum { ALIGNMENT = 64, FIRST_BLOCK = 1 << 20, FIRST_NODES = 256, SPARE = 64 };
 
 typedef struct block {
     struct block *next;
     size_t size;
     alignas(ALIGNMENT) char data[];
 } block;
+
+/* A gradient's memory that may be used again. */
+typedef struct spare {
+    lf_real *memory;
+    long size;
+} spare;
 
 struct lf_tape {
     block *blocks; /* the newest first */
@@ -22,6 +28,8 @@ struct lf_tape {
     lf_node *nodes;
     long node_count, node_room;
     bool grad, check;
+    spare spare[SPARE];
+    int spares;
     lf_real *lane;
     long lane_first;
     char nonfinite[64];
@@ -72,6 +80,7 @@ void lf_tape_reset(lf_tape *tape)
     }
     tape->used = tape->older = 0;
     tape->node_count = 0;
+    tape->spares = 0;
     tape->nonfinite[0] = 0;
 }
 
@@ -129,6 +138,22 @@ void *lf_alloc(lf_tape *tape, size_t bytes)
     return p;
 }
 
+lf_mark lf_tape_mark(const lf_tape *tape)
+{
+    return (lf_mark){tape->blocks, tape->used};
+}
+
+void lf_tape_release(lf_tape *tape, lf_mark mark)
+{
+    while (tape->blocks != mark.block) {
+        block *newest = tape->blocks;
+        tape->blocks = newest->next;
+        tape->older -= tape->blocks ? tape->blocks->size : 0;
+        free(newest);
+    }
+    tape->used = mark.used;
+}
+
 lf_real *lf_alloc_reals(lf_tape *tape, long n)
 {
     LF_REQUIRE(n >= 0, "%ld numbers asked of a tape", n);
@@ -175,7 +200,59 @@ lf_tensor *lf_leaf(lf_tape *tape, int rank, const long *dim, lf_real *value, lf_
     lf_tensor *t = shape_only(tape, rank, dim);
     t->value = value;
     t->grad = tape->grad ? grad : NULL;
+    t->wants = t->grad != NULL;
     return t;
+}
+
+lf_tensor *lf_view(lf_tape *tape, lf_tensor *x, long offset, int rank, const long *dim)
+{
+    lf_tensor *t = shape_only(tape, rank, dim);
+    LF_REQUIRE(offset >= 0 && offset + t->size <= x->size, "a view of %ld numbers from %ld of %ld",
+               t->size, offset, x->size);
+    t->value = x->value + offset;
+    t->wants = tape->grad && x->wants;
+    t->grad = t->wants && x->grad ? x->grad + offset : NULL;
+    t->of = x;
+    t->offset = offset;
+    return t;
+}
+
+/* ---- gradients ---- */
+
+/* The smallest spare memory that is large enough and not wastefully large, or new memory. */
+static lf_real *zeroed(lf_tape *tape, long size)
+{
+    int best = -1;
+    for (int i = 0; i < tape->spares; i++)
+        if (tape->spare[i].size >= size && tape->spare[i].size <= 4 * size &&
+            (best < 0 || tape->spare[i].size < tape->spare[best].size))
+            best = i;
+    lf_real *memory;
+    if (best >= 0) {
+        memory = tape->spare[best].memory;
+        tape->spare[best] = tape->spare[--tape->spares];
+    } else {
+        memory = lf_alloc_reals(tape, size);
+    }
+    memset(memory, 0, (size_t)size * sizeof *memory);
+    return memory;
+}
+
+lf_real *lf_grad(lf_tape *tape, lf_tensor *t)
+{
+    if (!t->wants || t->grad)
+        return t->grad;
+    if (t->of)
+        return t->grad = lf_grad(tape, t->of) + t->offset;
+    return t->grad = zeroed(tape, t->size);
+}
+
+/* The node that made t has run: nobody asks for t's gradient any more. */
+static void give_back(lf_tape *tape, lf_tensor *t)
+{
+    if (tape->spares < SPARE)
+        tape->spare[tape->spares++] = (spare){t->grad, t->size};
+    t->grad = NULL;
 }
 
 lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p)
@@ -219,40 +296,58 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
     bool wanted = false;
     for (int i = 0; i < n_in; i++) {
         node.in[i] = in[i];
-        wanted = wanted || (in[i] && in[i]->grad);
+        wanted = wanted || (in[i] && in[i]->wants);
     }
     for (int i = 0; i < n_out; i++) {
         node.out[i] = out[i];
         if (tape->check && !all_finite(out[i]->value, out[i]->size))
             note_nonfinite(tape, "forward", op);
-        if (wanted && tape->grad && !out[i]->grad) {
-            out[i]->grad = lf_alloc_reals(tape, out[i]->size);
-            memset(out[i]->grad, 0, (size_t)out[i]->size * sizeof(lf_real));
-        }
+        out[i]->wants = wanted && tape->grad;
     }
     if (wanted && tape->grad)
         push(tape, &node);
 }
 
+static void check_gradients(lf_tape *tape, const lf_node *node)
+{
+    for (int i = 0; i < node->n_in; i++)
+        if (node->in[i] && node->in[i]->grad && !all_finite(node->in[i]->grad, node->in[i]->size))
+            note_nonfinite(tape, "backward", node->op);
+}
+
+/* Run one node if anything reached its outputs. */
+static void walk(lf_tape *tape, const lf_node *node)
+{
+    bool reached = false;
+    for (int i = 0; i < node->n_out; i++)
+        reached = reached || node->out[i]->grad;
+    if (!reached)
+        return;
+    for (int i = 0; i < node->n_out; i++)
+        lf_grad(tape, node->out[i]);
+    for (int i = 0; i < node->n_in; i++)
+        if (node->in[i])
+            lf_grad(tape, node->in[i]);
+    const lf_mark mark = lf_tape_mark(tape); /* what a backward allocates is scratch */
+    node->backward(node);
+    lf_tape_release(tape, mark);
+    if (tape->check)
+        check_gradients(tape, node);
+    for (int i = 0; i < node->n_out; i++)
+        give_back(tape, node->out[i]);
+}
+
 void lf_backward_from(lf_tape *tape)
 {
-    for (long n = tape->node_count - 1; n >= 0; n--) {
-        const lf_node *node = &tape->nodes[n];
-        node->backward(node);
-        if (!tape->check)
-            continue;
-        for (int i = 0; i < node->n_in; i++)
-            if (node->in[i] && node->in[i]->grad &&
-                !all_finite(node->in[i]->grad, node->in[i]->size))
-                note_nonfinite(tape, "backward", node->op);
-    }
+    for (long n = tape->node_count - 1; n >= 0; n--)
+        walk(tape, &tape->nodes[n]);
 }
 
 void lf_backward(lf_tape *tape, lf_tensor *loss, lf_real seed)
 {
     LF_REQUIRE(loss->size == 1, "lf_backward: the loss has %ld elements, needs 1", loss->size);
-    if (!loss->grad)
+    if (!loss->wants)
         return;
-    loss->grad[0] += seed;
+    lf_grad(tape, loss)[0] += seed;
     lf_backward_from(tape);
 }

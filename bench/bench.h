@@ -11,6 +11,7 @@ typedef struct lf_bench_work lf_bench_work;
 struct lf_bench_work {
     double flop;                          /* of one run; 0: only the time is reported */
     double bytes;                         /* moved by one run, for cases bound by memory; else 0 */
+    double memory;                        /* bytes held, if known after a run; else 0 */
     void (*run)(lf_bench_work *work);     /* with all threads */
     double (*error)(lf_bench_work *work); /* largest difference to the double reference over the
                                            * largest value; NULL: not checked */
@@ -33,6 +34,7 @@ typedef struct lf_bench_table {
 
 extern const lf_bench_table lf_bench_limits;  /* limit.c */
 extern const lf_bench_table lf_bench_kernels; /* kernels.c */
+extern const lf_bench_table lf_bench_steps;   /* steps.c */
 extern const lf_bench_table lf_bench_onednn;  /* peer_onednn.c, if it was found */
 
 /* Do `steps` rounds of independent multiply-adds on each of `threads` threads: the flops done. */

@@ -16,6 +16,7 @@
 static const lf_bench_table *const tables[] = {
     &lf_bench_limits,
     &lf_bench_kernels,
+    &lf_bench_steps,
 #ifdef LF_ONEDNN
     &lf_bench_onednn,
 #endif
@@ -33,7 +34,7 @@ typedef struct options {
 typedef struct result {
     double seconds; /* of one run, the best */
     double limit;   /* flops a second, the best so far in this run of the program */
-    double flop, bytes, error;
+    double flop, bytes, memory, error;
 } result;
 
 /* ---- measuring ------------------------------------------------------------------------------- */
@@ -76,6 +77,7 @@ static result measure(lf_bench_work *work, int repeats, double *limit)
         r.seconds = fmin(r.seconds, seconds_of(work, runs) / (double)runs);
     }
     r.limit = *limit;
+    r.memory = work->memory;
     if (work->error)
         r.error = work->error(work);
     return r;
@@ -91,6 +93,8 @@ static void print_result(const char *name, const result *r)
                100 * r->flop / r->seconds / r->limit);
     if (r->bytes > 0)
         printf(" %8.1f GB/s", 1e-9 * r->bytes / r->seconds);
+    if (r->memory > 0)
+        printf(" %8.1f MB", 1e-6 * r->memory);
     if (!isnan(r->error))
         printf("  err %.0e", r->error);
     printf("\n");
@@ -107,6 +111,8 @@ static json_t *result_json(const char *name, const result *r)
     }
     if (r->bytes > 0)
         json_object_set_new(o, "gbytes_per_s", json_real(1e-9 * r->bytes / r->seconds));
+    if (r->memory > 0)
+        json_object_set_new(o, "mb", json_real(1e-6 * r->memory));
     if (!isnan(r->error))
         json_object_set_new(o, "error", json_real(r->error));
     return o;

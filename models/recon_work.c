@@ -3,7 +3,6 @@
 #include "models/recon_work.h"
 
 typedef struct lane {
-    lf_tape *tape;
     lf_real *grad; /* of the head's parameters */
     double loss;
     char nonfinite[64]; /* of the first tile that had one; the tape forgets it at the next tile */
@@ -13,6 +12,7 @@ struct lf_recon_work {
     const lf_recon *model;
     long tile, head_size;
     lf_tape *features;
+    lf_tape *worker[LF_RECON_LANES]; /* one a thread; any tile may run on any of them */
     lane lane[LF_RECON_LANES];
     lf_tensor *map[LF_BACKBONE_MAPS + 1]; /* on `features`, after lf_recon_encode */
     int maps;
@@ -27,7 +27,7 @@ lf_recon_work *lf_recon_work_create(const lf_recon *model, long tile)
     work->head_size = lf_store_size(model->store) - model->head_first;
     work->features = lf_tape_create();
     for (int l = 0; l < LF_RECON_LANES; l++) {
-        work->lane[l].tape = lf_tape_create();
+        work->worker[l] = lf_tape_create();
         work->lane[l].grad = calloc((size_t)work->head_size, sizeof(lf_real));
         LF_REQUIRE(work->lane[l].grad, "out of memory for %ld gradients", work->head_size);
     }
@@ -40,7 +40,7 @@ void lf_recon_work_free(lf_recon_work *work)
         return;
     lf_tape_free(work->features);
     for (int l = 0; l < LF_RECON_LANES; l++) {
-        lf_tape_free(work->lane[l].tape);
+        lf_tape_free(work->worker[l]);
         free(work->lane[l].grad);
     }
     free(work);
@@ -50,7 +50,7 @@ void lf_recon_work_check(lf_recon_work *work, bool on)
 {
     lf_tape_set_check(work->features, on);
     for (int l = 0; l < LF_RECON_LANES; l++)
-        lf_tape_set_check(work->lane[l].tape, on);
+        lf_tape_set_check(work->worker[l], on);
 }
 
 static bool is_forward(const char *found)
@@ -76,8 +76,14 @@ size_t lf_recon_work_bytes(const lf_recon_work *work)
 {
     size_t bytes = lf_tape_peak(work->features);
     for (int l = 0; l < LF_RECON_LANES; l++)
-        bytes += lf_tape_peak(work->lane[l].tape) + (size_t)work->head_size * sizeof(lf_real);
+        bytes += lf_tape_peak(work->worker[l]) + (size_t)work->head_size * sizeof(lf_real);
     return bytes;
+}
+
+/* Threads of a team: no more than there are tapes for. */
+static int workers(void)
+{
+    return omp_get_max_threads() < LF_RECON_LANES ? omp_get_max_threads() : LF_RECON_LANES;
 }
 
 /* Directions and visibility of the points [from, from + count) as tensors of `tape`. */
@@ -123,9 +129,8 @@ typedef struct batch {
 } batch;
 
 /* Forward and backward of one tile; its gradients go to the lane and to its rows of seen->grad. */
-static double run_tile(const batch *b, lane *l, long from, long count)
+static double run_tile(const batch *b, lf_tape *tape, const lane *l, long from, long count)
 {
-    lf_tape *tape = l->tape;
     const long views = b->points->views;
     lf_tape_reset(tape);
     lf_tape_set_lane(tape, l->grad, b->work->model->head_first);
@@ -140,7 +145,7 @@ static double run_tile(const batch *b, lane *l, long from, long count)
     return (double)loss->value[0];
 }
 
-static void run_lane(const batch *b, int number)
+static void run_lane(const batch *b, lf_tape *tape, int number)
 {
     lane *l = &b->work->lane[number];
     const long tile = b->work->tile, count = b->points->count, tiles = (count + tile - 1) / tile;
@@ -149,8 +154,8 @@ static void run_lane(const batch *b, int number)
     l->nonfinite[0] = 0;
     for (long t = number; t < tiles; t += LF_RECON_LANES) {
         const long from = t * tile;
-        l->loss += run_tile(b, l, from, count - from < tile ? count - from : tile);
-        const char *found = lf_tape_nonfinite(l->tape);
+        l->loss += run_tile(b, tape, l, from, count - from < tile ? count - from : tile);
+        const char *found = lf_tape_nonfinite(tape);
         if (found && !l->nonfinite[0])
             snprintf(l->nonfinite, sizeof l->nonfinite, "%s", found);
     }
@@ -179,9 +184,10 @@ double lf_recon_step(lf_recon_work *work, long images, const lf_real *image,
                                work->map);
     batch b = {work, points, sdf, loss, NULL, {0}};
     b.seen = sample(work->features, work, points, 0, points->count, &b.rays);
-#pragma omp parallel for schedule(dynamic, 1)
+    lf_grad(work->features, b.seen); /* tiles add to their own rows of it */
+#pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
     for (int l = 0; l < LF_RECON_LANES; l++)
-        run_lane(&b, l);
+        run_lane(&b, work->worker[omp_get_thread_num()], l);
     const double total = reduce_lanes(work);
     lf_backward_from(work->features);
     return total / (double)points->count;
@@ -219,17 +225,16 @@ void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double
                       uint8_t *valid)
 {
     const long tile = work->tile, tiles = (points->count + tile - 1) / tile;
-    for (int l = 0; l < LF_RECON_LANES; l++)
-        lf_tape_set_grad(work->lane[l].tape, false);
-#pragma omp parallel for schedule(dynamic, 1)
-    for (int l = 0; l < LF_RECON_LANES; l++)
-        for (long t = l; t < tiles; t += LF_RECON_LANES) {
-            const long from = t * tile, left = points->count - from;
-            predict_tile(work, work->lane[l].tape, points, from, left < tile ? left : tile, scale,
-                         sdf, valid);
-        }
-    for (int l = 0; l < LF_RECON_LANES; l++)
-        lf_tape_set_grad(work->lane[l].tape, true);
+    for (int w = 0; w < LF_RECON_LANES; w++)
+        lf_tape_set_grad(work->worker[w], false);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
+    for (long t = 0; t < tiles; t++) {
+        const long from = t * tile, left = points->count - from;
+        predict_tile(work, work->worker[omp_get_thread_num()], points, from,
+                     left < tile ? left : tile, scale, sdf, valid);
+    }
+    for (int w = 0; w < LF_RECON_LANES; w++)
+        lf_tape_set_grad(work->worker[w], true);
 }
 
 /* ---- cost ---- */

@@ -78,13 +78,15 @@ static double loss_of(check *k, bool backward)
     const int n = k->c->build(k->tape, k->store, in, out);
     lf_stream s = lf_stream_at(k->seed, LF_RANDOM_TEST, 2, 0);
     double loss = 0;
-    for (int o = 0; o < n; o++)
+    for (int o = 0; o < n; o++) {
+        lf_real *grad = backward ? lf_grad(k->tape, out[o]) : NULL;
         for (long i = 0; i < out[o]->size; i++) {
             const double w = 0.5 + lf_uniform(&s);
             loss += w * (double)out[o]->value[i];
-            if (backward && out[o]->grad)
-                out[o]->grad[i] += (lf_real)w;
+            if (grad)
+                grad[i] += (lf_real)w;
         }
+    }
     if (backward)
         lf_backward_from(k->tape);
     return loss;

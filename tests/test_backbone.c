@@ -178,8 +178,8 @@ static double loss_of(net *n, long size, bool backward)
         for (long i = 0; i < maps[m]->size; i++) {
             const double w = lf_normal(&s);
             loss += w * (double)maps[m]->value[i];
-            if (maps[m]->grad)
-                maps[m]->grad[i] = (lf_real)w;
+            if (maps[m]->wants)
+                lf_grad(n->tape, maps[m])[i] = (lf_real)w;
         }
     if (backward)
         lf_backward_from(n->tape);

@@ -484,7 +484,7 @@ static void copies_have_equal_weights(void **state)
     memcpy(c.kv.vector->value + 12, c.kv.vector->value, 12 * sizeof(lf_real));
     const lf_field o = lf_ray_attention(c.tape, c.q, c.kv, &c.rays, 2);
     for (long i = 0; i < 4; i++)
-        o.scalar->grad[i] = 1;
+        lf_grad(c.tape, o.scalar)[i] = 1;
     lf_backward_from(c.tape);
     for (int i = 0; i < 4; i++) {
         const double w[4] = {(double)c.grad0[4 + i], (double)c.grad0[12 + i],
@@ -538,11 +538,11 @@ static void no_view_gives_zeros(void **state)
     const lf_field o = lf_ray_attention(c.tape, c.q, c.kv, &c.rays, 2);
     const lf_field m = lf_ray_moments(c.tape, c.kv.scalar, &c.rays);
     for (int i = 0; i < 4; i++)
-        o.scalar->grad[i] = 1;
+        lf_grad(c.tape, o.scalar)[i] = 1;
     for (int i = 0; i < 6; i++)
-        o.vector->grad[i] = 1;
+        lf_grad(c.tape, o.vector)[i] = 1;
     for (long i = 0; i < m.scalar->size; i++)
-        m.scalar->grad[i] = m.vector->grad[i] = 1;
+        lf_grad(c.tape, m.scalar)[i] = lf_grad(c.tape, m.vector)[i] = 1;
     lf_backward_from(c.tape);
     for (int i = 0; i < 4; i++)
         assert_true(o.scalar->value[i] == 0);
