@@ -105,6 +105,10 @@ lf_status lf_shapes_open(const lf_shapes_options *options, lf_shapes **out, lf_e
     lf_status status = LF_OK;
     if (builtin || options->builtin > 0)
         status = known_family(s->category, err);
+    if (status == LF_OK && builtin && options->builtin < 1)
+        status = lf_fail(err, LF_BAD_INPUT,
+                         "%s %s: the split %s has no shapes; say how many with data.%s_shapes",
+                         s->root, s->category, s->split, s->split);
     if (status == LF_OK && !builtin)
         status = add_files(s, err);
     if (status != LF_OK) {

@@ -34,7 +34,8 @@ typedef struct lf_shapes_options {
 
 typedef struct lf_shapes lf_shapes;
 
-/* List the shapes; nothing is read yet. Errors as category.h, or an unknown built-in family. */
+/* List the shapes; nothing is read yet. Errors as category.h, an unknown built-in family, or no
+ * built-in shape asked for. */
 lf_status lf_shapes_open(const lf_shapes_options *options, lf_shapes **out, lf_error *err);
 void lf_shapes_close(lf_shapes *shapes);
 long lf_shapes_count(const lf_shapes *shapes);

@@ -1,4 +1,5 @@
 /* evaluate.c: scores, meshes and the picture of a split. See evaluate.h. */
+#include <errno.h>
 #include <math.h>
 #include <sys/stat.h>
 #include <time.h>
@@ -138,9 +139,12 @@ static void free_rows(lf_montage_row *row, long rows)
 static lf_status make_folder(const char *path, lf_error *err)
 {
     struct stat st;
-    if (mkdir(path, 0777) == 0 || (stat(path, &st) == 0 && S_ISDIR(st.st_mode)))
+    if (stat(path, &st) == 0 && S_ISDIR(st.st_mode))
         return LF_OK;
-    return lf_fail(err, LF_FAILED, "%s: cannot make this folder (is its parent there?)", path);
+    if (mkdir(path, 0777) == 0)
+        return LF_OK;
+    return lf_fail(err, errno == ENOSPC ? LF_FAILED : LF_BAD_INPUT,
+                   "%s: cannot make this folder: %s", path, strerror(errno));
 }
 
 /* ---- the split ---- */

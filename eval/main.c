@@ -1,6 +1,9 @@
 /* main.c: elf-eval. Reads the command line and hands over to one of its jobs. */
+#include <errno.h>
 #include <getopt.h>
 #include <omp.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "eval/compare.h"
 #include "eval/equivariance.h"
@@ -206,9 +209,30 @@ static lf_status run_compare(const arguments *a, lf_error *err)
     return lf_compare_meshes(a->word[1], a->word[2], &options, stdout, err);
 }
 
+/* Refuse a report that could not be written before the work, not after it. */
+static lf_status check_report(const char *path, lf_error *err)
+{
+    char *folder = strdup(path);
+    LF_REQUIRE(folder, "out of memory");
+    char *slash = strrchr(folder, '/');
+    if (slash)
+        slash[slash == folder] = 0;
+    struct stat info;
+    lf_status status = LF_OK;
+    if (stat(path, &info) == 0 && S_ISDIR(info.st_mode))
+        status = lf_fail(err, LF_BAD_INPUT, "--json %s: is a folder; give a file", path);
+    else if (access(slash ? folder : ".", W_OK) != 0)
+        status =
+            lf_fail(err, LF_BAD_INPUT, "--json %s: cannot write there: %s", path, strerror(errno));
+    free(folder);
+    return status;
+}
+
 static lf_status run_model(const arguments *a, lf_error *err)
 {
     lf_loaded loaded;
+    if (a->evaluate.json)
+        LF_TRY(check_report(a->evaluate.json, err));
     LF_TRY(lf_loaded_open(a->checkpoint, a->sets, a->set, &loaded, err));
     lf_status status;
     if (a->check) {

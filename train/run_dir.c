@@ -102,6 +102,9 @@ void lf_run_close(lf_run *run)
 lf_status lf_run_vacant(const char *out, lf_error *err)
 {
     static const char *const names[] = {"config.ini", "metrics.jsonl", "checkpoints", "latest"};
+    struct stat info;
+    if (stat(out, &info) == 0 && !S_ISDIR(info.st_mode))
+        return lf_fail(err, LF_BAD_INPUT, "%s: is no folder; choose another", out);
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (exists(out, names[i]))
             return lf_fail(err, LF_BAD_INPUT,

@@ -23,7 +23,8 @@ typedef struct lf_run lf_run;
  * holds another run (any of the names above) or is no folder; what is there stays as it is. */
 lf_status lf_run_create(const char *out, const char *config_text, lf_run **run, lf_error *err);
 
-/* LF_BAD_INPUT, in the words of lf_run_create, if `out` holds another run. Nothing is made. */
+/* LF_BAD_INPUT, in the words of lf_run_create, if `out` holds another run or is no folder. Nothing
+ * is made. */
 lf_status lf_run_vacant(const char *out, lf_error *err);
 
 /* Go on with the run in `directory` after step `step`: metrics of later steps are cut off, damaged

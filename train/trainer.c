@@ -213,8 +213,8 @@ static lf_status update(trainer *t, double loss, double lr, double *norm, lf_err
     copy_statistics(t, true);
     t->state.skipped++;
     t->state.bad_in_a_row++;
-    lf_progress_say(&t->progress, "step %ld skipped: loss %g, gradient norm %g%s%s", t->state.step,
-                    loss, *norm, op ? ", first in the " : "", op ? op : "");
+    lf_progress_say(&t->progress, "step %ld skipped: loss %g, gradient norm %g%s%s",
+                    t->state.step + 1, loss, *norm, op ? ", first in the " : "", op ? op : "");
     if (t->state.bad_in_a_row < most)
         return LF_OK;
     return lf_fail(
@@ -222,7 +222,7 @@ static lf_status update(trainer *t, double loss, double lr, double *norm, lf_err
         "%ld steps in a row gave a loss or gradient that is not finite, the last at step "
         "%ld; the last good checkpoint is kept in %s. Lower train.lr (now %g) or set "
         "train.clip; --check-finite names the op",
-        most, t->state.step, t->options->out, lf_config_real(t->cfg, "train.lr"));
+        most, t->state.step + 1, t->options->out, lf_config_real(t->cfg, "train.lr"));
 }
 
 static void validate(trainer *t)
@@ -275,9 +275,6 @@ static lf_status loop(trainer *t, lf_error *err)
     t->timed = t->state.step;
     if (t->options->resume && !t->options->fresh)
         t->saved = t->state.step;
-    if (t->state.step >= steps && !t->options->quiet)
-        printf("nothing to do: step %ld of %ld; to go on, --set train.steps=MORE\n", t->state.step,
-               steps);
     t->progress = lf_progress_start(stdout, "step", t->state.step, steps, t->options->quiet);
     while (t->state.step < steps && !interrupted(t)) {
         const lf_status status = one_step(t, err);
@@ -300,6 +297,13 @@ static lf_status train_all(trainer *t, lf_error *err)
 {
     build_model(t);
     LF_TRY(check_start(t, err));
+    const long steps = lf_config_int(t->cfg, "train.steps");
+    if (t->options->resume && !t->options->fresh && t->state.step >= steps) {
+        if (!t->options->quiet)
+            printf("nothing to do: step %ld of %ld; to go on, --set train.steps=MORE\n",
+                   t->state.step, steps);
+        return LF_OK;
+    }
     LF_TRY(prepare(t, "train", &t->shapes, err));
     if (lf_config_int(t->cfg, "data.val_shapes") > 0)
         LF_TRY(prepare(t, "val", &t->val, err));
