@@ -141,6 +141,11 @@ expect 2 'tiny\.ini' "$eval" compare-meshes "$truth" tiny.ini
 expect 0 'signed distance' "$eval" --checkpoint "$(checkpoint run 6)" --check-equivariance 1 --shapes 1 --json q.json
 grep -q '"quarter":' q.json || fail "no quarter turns in the report on equivariance"
 expect 2 'setting' "$eval" --checkpoint run --setting X
+expect 2 'data\.val_shapes' "$eval" --checkpoint run --split val # the config has none
+expect 2 'cannot make this folder' "$eval" --checkpoint run --out not/there
+expect 2 'cannot make this folder' "$eval" --checkpoint run --out tiny.ini
+expect 2 'cannot write there' "$eval" --checkpoint run --json not/there.json
+expect 2 'is a folder' "$eval" --checkpoint run --json meshes
 expect 0 'nothing to do' "$train" --resume run
 
 ### Folders that hold another run
@@ -270,6 +275,23 @@ interrupt KILL killed 2>/dev/null
 [ $code = 137 ] || fail "exit code $code after kill -9"
 expect 0 'resuming from killed/checkpoints' "$train" --resume killed --threads 1
 $same "$(checkpoint killed 400)" "$(checkpoint whole 400)" >out || fail "killed and resumed differs from a whole run"
+
+### The mesh of a model
+
+# mesh FOLDER OPTIONS...: of one unseen shape by the long run
+mesh() {
+    local folder=$1
+    shift
+    expect 0 '' "$eval" --checkpoint whole --shapes 1 --pictures 0 --out "$folder" --quiet "$@"
+}
+predicted=chair-test-0000-predicted.ply
+mesh one --threads 1
+mesh two --threads 2
+grep -aq '^element face [0-9][0-9][0-9]' one/$predicted || fail "an empty mesh tests nothing"
+cmp one/$predicted two/$predicted >out 2>err || fail "the mesh depends on the number of threads"
+mesh rolled --roll 90
+expect 0 '"chamfer_l1": ([0-9.]+e-(0?[5-9]|[1-9][0-9])|0(\.0)?,)' "$eval" compare-meshes rolled/$predicted one/$predicted --exact
+
 losses() { sed 's/.*\("step": *[0-9]*\).*\("loss": *[^,]*\).*/\1 \2/' "$1/metrics.jsonl"; }
 for run in stopped killed; do
     [ "$(losses $run)" = "$(losses whole)" ] || fail "metrics of the $run run differ from a whole run's"

@@ -99,6 +99,18 @@ static void unknown_family(void **state)
     assert_non_null(strstr(err.text, "airplane"));
 }
 
+static void a_split_without_shapes(void **state)
+{
+    (void)state;
+    lf_shapes_options o = small("val");
+    lf_shapes *shapes = NULL;
+    lf_error err;
+    o.builtin = 0;
+    assert_int_equal(lf_shapes_open(&o, &shapes, &err), LF_BAD_INPUT);
+    assert_null(shapes);
+    assert_non_null(strstr(err.text, "data.val_shapes"));
+}
+
 /* ---- threads and draws ---- */
 
 static void threads_do_not_change_a_bit(void **state)
@@ -358,6 +370,7 @@ int main(void)
         cmocka_unit_test(splits_are_disjoint),
         cmocka_unit_test(a_shape_does_not_depend_on_the_others),
         cmocka_unit_test(unknown_family),
+        cmocka_unit_test(a_split_without_shapes),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(draws_differ_and_repeat),
         cmocka_unit_test(samples_lie_in_the_cube_and_near_the_surface),
