@@ -2,7 +2,7 @@
 # test_programs.sh ELF_TRAIN ELF_EVAL SAME_ARRAYS SOURCE: exit codes and messages of the programs, what
 # bad input and a full disk do, and that stopped or killed runs end as if they had not been.
 set -u
-train=$1 eval=$2 same=$3 source=$4
+train=$(realpath "$1") eval=$(realpath "$2") same=$(realpath "$3") source=$(realpath "$4")
 here=$(mktemp -d /tmp/elf-test-programs-XXXXXX) || exit 1
 trap 'rm -rf "$here"' EXIT
 cd "$here" || exit 1
@@ -260,6 +260,7 @@ interrupt() { # interrupt SIGNAL FOLDER
     local process=$!
     for _ in $(seq 2000); do
         [ -s "$2/latest" ] && break
+        kill -0 $process 2>/dev/null || break
         sleep 0.01
     done
     kill -"$1" $process
