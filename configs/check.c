@@ -32,6 +32,47 @@ static lf_status check_backbone(const lf_config *cfg, lf_error *err)
     return LF_OK;
 }
 
+/* How much fits into one list of maps, and the parts of a bottleneck. */
+static lf_status check_sizes(const lf_config *cfg, lf_error *err)
+{
+    enum { MAPS = 8, WIDTHS = 7 };
+    int stages, widths;
+    const long *fields = lf_config_ints(cfg, "model.fields", &stages);
+    lf_config_ints(cfg, "model.mlp", &widths);
+    const int maps = stages + lf_config_bool(cfg, "model.stem_features") +
+                     lf_config_bool(cfg, "model.sample_image");
+    if (maps > MAPS)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "%d stages, model.stem_features and model.sample_image make %d maps: "
+                       "allowed are %d",
+                       stages, maps, MAPS);
+    if (widths > WIDTHS)
+        return lf_fail(err, LF_BAD_INPUT, "model.mlp has %d numbers: allowed are %d", widths,
+                       WIDTHS);
+    for (int s = 0; s < stages && lf_config_is(cfg, "model.block", "bottleneck"); s++)
+        if (fields[s] % 4)
+            return lf_fail(
+                err, LF_BAD_INPUT,
+                "model.fields has %ld: with model.block = bottleneck, whose inside has a "
+                "quarter of the fields, allowed are multiples of 4",
+                fields[s]);
+    return LF_OK;
+}
+
+static lf_status check_grid(const lf_config *cfg, lf_error *err)
+{
+    const long fine = lf_config_int(cfg, "eval.resolution"),
+               coarse = lf_config_int(cfg, "eval.coarse");
+    long n = coarse;
+    while (n < fine)
+        n *= 2;
+    if (n != fine)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "eval.resolution = %ld: allowed is eval.coarse = %ld times a power of two",
+                       fine, coarse);
+    return LF_OK;
+}
+
 static lf_status check_head(const lf_config *cfg, const char *key, lf_error *err)
 {
     const long channels = lf_config_int(cfg, key), heads = lf_config_int(cfg, "model.heads");
@@ -61,16 +102,11 @@ static lf_status check_data(const lf_config *cfg, lf_error *err)
 lf_status lf_config_check(const lf_config *cfg, lf_error *err)
 {
     LF_TRY(check_backbone(cfg, err));
+    LF_TRY(check_sizes(cfg, err));
     LF_TRY(check_head(cfg, "model.scalars", err));
     LF_TRY(check_head(cfg, "model.vectors", err));
     LF_TRY(check_data(cfg, err));
-    const long fine = lf_config_int(cfg, "eval.resolution"),
-               coarse = lf_config_int(cfg, "eval.coarse");
-    if (fine % coarse)
-        return lf_fail(err, LF_BAD_INPUT,
-                       "eval.coarse = %ld: allowed is a divisor of eval.resolution = %ld", coarse,
-                       fine);
-    return LF_OK;
+    return check_grid(cfg, err);
 }
 
 int lf_config_warn(const lf_config *cfg, FILE *out)

@@ -55,7 +55,7 @@ const lf_key lf_schema[] = {
     INT("model.scalars", "16", 1, 256, "Scalar channels of the head."),
     INT("model.vectors", "8", 1, 256, "Vector channels of the head."),
     INT("model.blocks", "2", 0, 6, "Attention blocks of the head."),
-    INT("model.heads", "4", 1, 64, "Attention heads; they divide scalars and vectors."),
+    INT("model.heads", "4", 1, 32, "Attention heads; they divide scalars and vectors."),
     BOOL("model.degree2", "false", "The degree-2 path from vectors to vectors in the SE(3) kernels."),
     CHOICE("model.nonlinearity", "norm", "norm|gated", "Nonlinearity of vectors in the head."),
     CHOICE("model.skip", "identity", "identity|linear", "The residual path around attention."),
@@ -117,9 +117,8 @@ const lf_key lf_schema[] = {
     INT("train.max_bad_steps", "10", 1, 1000000, "Steps in a row with a non-finite loss or gradient that stop the run."),
 
     INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
-    INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; it divides resolution."),
-    INT("eval.iou_points", "100000", 1, 100000000, "Points of the IoU, uniform in the cube."),
-    INT("eval.chamfer_points", "100000", 1, 100000000, "Points of the Chamfer distance, on each surface."),
+    INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; resolution is it times a power of two."),
+    INT("eval.points", "100000", 1, 100000000, "Points of the IoU in the cube, and of Chamfer on each surface."),
 };
 /* clang-format on */
 const int lf_schema_size = (int)(sizeof lf_schema / sizeof *lf_schema);

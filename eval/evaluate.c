@@ -223,7 +223,7 @@ static lf_status score_split(run *r, subject *s, lf_error *err)
 static lf_metric_options metric_options(const lf_config *cfg, bool exact)
 {
     lf_metric_options m = lf_metric_defaults();
-    m.samples = lf_config_int(cfg, "eval.iou_points");
+    m.samples = lf_config_int(cfg, "eval.points");
     m.exact = exact;
     return m;
 }

@@ -202,6 +202,23 @@ static int block_gated(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
     return block(tape, store, in, out, &c, false);
 }
 
+static int linear_layer(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    INIT_ONCE(lf_linear_layer, store, lf_linear_init(store, &layer, "linear", 5, 4, true, 1));
+    out[0] = lf_linear_apply(tape, &layer, in[0], LF_RELU);
+    return 1;
+}
+
+static int self_interaction(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    INIT_ONCE(lf_self_interaction, store,
+              lf_self_interaction_init(store, &layer, "mix", 4, 3, 5, 2));
+    const lf_field f = lf_self_interaction_apply(tape, &layer, (lf_field){in[0], in[1]});
+    out[0] = f.scalar;
+    out[1] = f.vector;
+    return 2;
+}
+
 static int vector_neuron(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     INIT_ONCE(lf_vector_neuron, store, lf_vector_neuron_init(store, &layer, "readout", 4));
@@ -269,6 +286,8 @@ const op_case layer_cases[] = {
      {X(Q, V, 5), X(Q, V, 3, 3), X(Q, 4), X(Q, 3, 2), DIRECTIONS, MASK},
      6,
      0},
+    {"linear layer", linear_layer, {X(4, 5)}, 1, 0},
+    {"self_interaction", self_interaction, {X(Q, V, 4), X(Q, V, 3, 3)}, 2, 0},
     {"vector_neuron", vector_neuron, {X(Q, 3, 4)}, 1, 0},
     {"mlp", mlp, {X(4, 5)}, 1, 0},
 };

@@ -245,7 +245,7 @@ static void test_bad_sets(void **state)
 
 /* Overrides that do not fit each other. */
 static const struct {
-    const char *set[2], *message;
+    const char *set[3], *message;
 } misfits[] = {
     {{"model.stages=1,1"},
      "model.stages has 2 numbers and model.fields 3: give both a number a stage"},
@@ -257,7 +257,15 @@ static const struct {
     {{"data.category=sofa"},
      "data.category = sofa: built-in shapes (data.root = builtin) are chair, airplane and car"},
     {{"data.thickness=-0.5"}, "data.thickness = -0.5: allowed is -1 or a number from 0 to 0.1"},
-    {{"eval.coarse=48"}, "eval.coarse = 48: allowed is a divisor of eval.resolution = 128"},
+    {{"model.mlp=8,8,8,8,8,8,8,8"}, "model.mlp has 8 numbers: allowed are 7"},
+    {{"model.stages=1,1,1,1,1,1,1", "model.fields=1,1,1,1,1,1,1", "data.image_size=257"},
+     "7 stages, model.stem_features and model.sample_image make 9 maps: allowed are 8"},
+    {{"model.block=bottleneck", "model.fields=4,8,6"},
+     "model.fields has 6: with model.block = bottleneck, whose inside has a quarter of the fields, "
+     "allowed are multiples of 4"},
+    {{"eval.resolution=96"},
+     "eval.resolution = 96: allowed is eval.coarse = 32 times a power of two"},
+    {{"eval.coarse=48"}, "eval.resolution = 128: allowed is eval.coarse = 48 times a power of two"},
 };
 
 static void test_misfits(void **state)
@@ -266,7 +274,8 @@ static void test_misfits(void **state)
     for (size_t i = 0; i < sizeof misfits / sizeof *misfits; i++) {
         lf_config *cfg = defaults();
         lf_error err = {""};
-        assert_int_equal(lf_config_set(cfg, misfits[i].set[0], &err), LF_OK);
+        for (int k = 0; k < 3 && misfits[i].set[k]; k++)
+            assert_int_equal(lf_config_set(cfg, misfits[i].set[k], &err), LF_OK);
         assert_int_equal(lf_config_check(cfg, &err), LF_BAD_INPUT);
         assert_string_equal(err.text, misfits[i].message);
         lf_config_free(cfg);

@@ -58,8 +58,7 @@ log_every = 2
 [eval]
 resolution = 16
 coarse = 8
-iou_points = 1000
-chamfer_points = 1000
+points = 1000
 END
 
 checkpoint() { printf '%s/checkpoints/step-%08d.safetensors' "$1" "$2"; }
