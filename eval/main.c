@@ -8,6 +8,7 @@
 #include "eval/compare.h"
 #include "eval/equivariance.h"
 #include "eval/evaluate.h"
+#include "train/openmp.h"
 
 static void print_help(FILE *out)
 {
@@ -264,6 +265,7 @@ static lf_status run(const arguments *a, lf_error *err)
 
 int main(int argc, char **argv)
 {
+    lf_openmp_wait_briefly(argv);
     lf_error err = {""};
     arguments a = {.evaluate = {.split = "test", .pictures = 6}};
     lf_status status = parse(argc, argv, &a, &err);

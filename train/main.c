@@ -3,6 +3,7 @@
 #include <omp.h>
 #include <signal.h>
 
+#include "train/openmp.h"
 #include "train/run_dir.h"
 #include "train/trainer.h"
 
@@ -220,6 +221,7 @@ static lf_status resume(const arguments *a, lf_error *err)
 
 int main(int argc, char **argv)
 {
+    lf_openmp_wait_briefly(argv);
     lf_error err = {""};
     arguments a = {0};
     lf_status status = parse(argc, argv, &a, &err);
