@@ -113,7 +113,7 @@ const lf_key lf_schema[] = {
     INT("train.keep", "3", 1, 100000, "Newest checkpoints kept, beside the best by validation."),
     INT("train.log_every", "50", 1, 1000000000, "Steps between two lines of metrics.jsonl."),
     INT("train.val_every", "500", 1, 1000000000, "Steps between two validations."),
-    INT("train.tile_points", "64", 1, 65536, "Query points a worker takes at once; its memory should fit the L2 cache."),
+    INT("train.tile_points", "32", 1, 65536, "Query points a worker takes at once; its memory should fit the L2 cache."),
     INT("train.max_bad_steps", "10", 1, 1000000, "Steps in a row with a non-finite loss or gradient that stop the run."),
 
     INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
