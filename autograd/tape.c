@@ -6,7 +6,13 @@
 #include <stdalign.h>
 #include "autograd/autograd.h"
 
-enum { ALIGNMENT = 64, FIRST_BLOCK = 1 << 20, FIRST_NODES = 256, SPARE = 64 };
+enum {
+    ALIGNMENT = 64,
+    FIRST_BLOCK = 1 << 20,
+    LARGEST_GROWTH = 256 << 20,
+    FIRST_NODES = 256,
+    SPARE = 64
+};
 
 typedef struct block {
     struct block *next;
@@ -124,7 +130,8 @@ void *lf_alloc(lf_tape *tape, size_t bytes)
 {
     bytes = (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
     if (!tape->blocks || bytes > tape->blocks->size - tape->used) {
-        const size_t grown = tape->blocks ? 2 * tape->blocks->size : FIRST_BLOCK;
+        const size_t doubled = tape->blocks ? 2 * tape->blocks->size : FIRST_BLOCK;
+        const size_t grown = doubled < LARGEST_GROWTH ? doubled : LARGEST_GROWTH;
         block *b = block_create(grown > bytes ? grown : bytes);
         b->next = tape->blocks;
         tape->older += tape->blocks ? tape->blocks->size : 0;

@@ -120,7 +120,9 @@ static extent count_unit(const lf_unit *unit, extent in, lf_backbone_cost *cost)
     const long size = unit->c8 ? unit->steerable.basis.size : w->dim[0];
     const long turns = unit->c8 && w->rank == 4 ? LF_C8 : 1;
     const long pairs = unit->c8 ? w->dim[0] * LF_C8 * w->dim[1] * turns : w->dim[2] * w->dim[3];
+    const long channels = unit->c8 ? w->dim[0] * LF_C8 : w->dim[3];
     cost->macs += (double)(out.height * out.width * size * size) * (double)pairs;
+    cost->kept += 2 * (double)(out.height * out.width) * (double)channels;
     cost->parameters += w->size + unit->norm.scale->size + unit->norm.shift->size;
     return out;
 }

@@ -1,6 +1,7 @@
 /* trainer.c: the training loop. See trainer.h. */
 #include <math.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "autograd/random.h"
 #include "train/progress.h"
@@ -293,9 +294,34 @@ static lf_status loop(trainer *t, lf_error *err)
     return save(t, err);
 }
 
+/* Refuse a step that this machine cannot hold, before an hour of rendering. An estimate from below:
+ * the outputs of all convolutions and norms, and the samples with their gradient. */
+static lf_status check_memory(const trainer *t, lf_error *err)
+{
+    const lf_recon_config *c = &t->model.config;
+    const double shapes = (double)lf_config_int(t->cfg, "train.shapes_per_step");
+    const double points = shapes * (double)lf_config_int(t->cfg, "train.points_per_shape");
+    const double size = (double)c->image_size;
+    const double image = lf_backbone_macs(&t->model.backbone, c->image_size, c->image_size).kept +
+                         size * size * c->backbone.in_channels;
+    const double numbers =
+        LF_CUBE_VIEWS * (shapes * image + 2 * points * (double)t->model.feature_count);
+    const double needed = numbers * sizeof(lf_real);
+    const double there = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGE_SIZE);
+    if (needed <= there)
+        return LF_OK;
+    return lf_fail(
+        err, LF_BAD_INPUT,
+        "a step would keep at least %.1f GB of feature maps and samples, and this machine "
+        "has %.1f GB: lower data.image_size, train.shapes_per_step, "
+        "train.points_per_shape or model.fields",
+        1e-9 * needed, 1e-9 * there);
+}
+
 static lf_status train_all(trainer *t, lf_error *err)
 {
     build_model(t);
+    LF_TRY(check_memory(t, err));
     LF_TRY(check_start(t, err));
     const long steps = lf_config_int(t->cfg, "train.steps");
     if (t->options->resume && !t->options->fresh && t->state.step >= steps) {
