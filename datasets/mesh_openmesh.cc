@@ -7,7 +7,9 @@
 #include "datasets/mesh_file.h"
 
 /* GCC 12 at -O3 sees this in OpenMesh's own property vectors. */
+#ifndef __clang__
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
 
 #include <OpenMesh/Core/IO/MeshIO.hh>
 #include <OpenMesh/Core/IO/importer/BaseImporter.hh>

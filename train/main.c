@@ -232,5 +232,5 @@ int main(int argc, char **argv)
     }
     if (status != LF_OK)
         fprintf(stderr, "elf-train: %s\n", err.text);
-    return status;
+    return (int)status;
 }

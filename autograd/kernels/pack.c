@@ -13,11 +13,25 @@ void lf_pack(long k, long width, const lf_real *b, long step, lf_real *panel)
         }
 }
 
+typedef __typeof__((lf_vec){0} < (lf_vec){0}) mask;
+
+/* Lane i is number from[i] of a, c written one after the other. */
+LF_INLINE lf_vec shuffle(lf_vec a, lf_vec c, mask from)
+{
+#ifdef __clang__ /* has shuffles by constants only; unrolled, it sees that these are constant */
+    lf_vec y;
+    _Pragma("GCC unroll 16") for (int i = 0; i < LF_LANES; i++) y[i] =
+        from[i] < LF_LANES ? a[from[i]] : c[from[i] - LF_LANES];
+    return y;
+#else
+    return __builtin_shuffle(a, c, from);
+#endif
+}
+
 /* A square of LF_LANES rows, transposed by halves: at distance h, the number at (i, j) with
  * i & h = 0, j & h != 0 changes places with the one at (i + h, j - h). */
 LF_INLINE void transpose_square(const lf_real *b, long step, lf_real *panel, long to)
 {
-    typedef __typeof__((lf_vec){0} < (lf_vec){0}) mask;
     lf_vec row[LF_LANES];
     _Pragma("GCC unroll 16") for (int i = 0; i < LF_LANES; i++) row[i] = lf_vec_load(b + i * step);
     _Pragma("GCC unroll 4") for (int h = 1; h < LF_LANES; h *= 2)
@@ -31,8 +45,8 @@ LF_INLINE void transpose_square(const lf_real *b, long step, lf_real *panel, lon
         _Pragma("GCC unroll 16") for (int i = 0; i < LF_LANES; i++) if (!(i & h))
         {
             const lf_vec a = row[i], c = row[i + h];
-            row[i] = __builtin_shuffle(a, c, low);
-            row[i + h] = __builtin_shuffle(a, c, high);
+            row[i] = shuffle(a, c, low);
+            row[i + h] = shuffle(a, c, high);
         }
     }
     _Pragma("GCC unroll 16") for (int i = 0; i < LF_LANES; i++)
