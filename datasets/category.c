@@ -10,6 +10,7 @@
 #include "autograd/random.h"
 
 static const char *const splits[3] = {"train", "val", "test"};
+static const char *const endings[] = {".obj", ".ply", ".off", ".stl"};
 
 const char *lf_category_drawn_split(const char *id)
 {
@@ -57,6 +58,17 @@ static bool find_model(const char *folder, const char *id, char path[PATH_MAX])
     return false;
 }
 
+/* The mesh of a listed id: in its own folder, or the file <folder>/<id>.obj and the like. */
+static bool find_listed(const char *folder, const char *id, char path[PATH_MAX])
+{
+    if (find_model(folder, id, path))
+        return true;
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+        if (snprintf(path, PATH_MAX, "%s/%s%s", folder, id, endings[i]) < PATH_MAX && is_file(path))
+            return true;
+    return false;
+}
+
 static void add_item(lf_category *c, const char *id, size_t id_length, const char *path)
 {
     lf_category_item *items = realloc(c->item, (size_t)(c->count + 1) * sizeof *items);
@@ -83,17 +95,18 @@ static lf_status add_listed(lf_category *c, const char *folder, const char *list
     char path[PATH_MAX];
     if (strchr(id, '/') || !strcmp(id, ".") || !strcmp(id, ".."))
         return lf_fail(err, LF_BAD_INPUT,
-                       "%s:%ld: '%s' is no id: it must name a folder beside the list", list, number,
-                       id);
+                       "%s:%ld: '%s' is no id: it must name a folder or a mesh beside the list",
+                       list, number, id);
     for (long i = 0; i < c->count; i++)
         if (!strcmp(c->item[i].id, id))
             return lf_fail(err, LF_BAD_INPUT, "%s:%ld: the id '%s' is listed twice", list, number,
                            id);
-    if (!find_model(folder, id, path))
+    if (!find_listed(folder, id, path))
         return lf_fail(err, LF_BAD_INPUT,
-                       "%s:%ld: the shape '%s' has no mesh: expected %s/%s/model.obj or "
-                       "models/model_normalized.obj; mend the list or add the file",
-                       list, number, id, folder, id);
+                       "%s:%ld: the shape '%s' has no mesh: expected %s/%s/model.obj, "
+                       "models/model_normalized.obj or %s/%s.obj (.ply, .off, .stl); mend the list "
+                       "or add the file",
+                       list, number, id, folder, id, folder, id);
     add_item(c, id, strlen(id), path);
     return LF_OK;
 }
@@ -137,9 +150,8 @@ static lf_status open_lists(lf_category *c, const char *folder, const char *spli
 
 static size_t mesh_name_length(const char *name)
 {
-    static const char *const endings[] = {".obj", ".ply", ".off", ".stl"};
     const size_t n = strlen(name);
-    for (int i = 0; i < 4; i++)
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
         if (n > 4 && !strcasecmp(name + n - 4, endings[i]))
             return n - 4;
     return 0;
@@ -189,7 +201,10 @@ static lf_status finish(lf_category *c, const char *folder, const char *split, l
 {
     if (c->count == 0)
         return lf_fail(err, LF_BAD_INPUT, "%s: the split '%s' has no shape%s", folder, split,
-                       c->drawn ? " (no .lst file found; split drawn by a hash of the names)" : "");
+                       c->drawn ? " (no .lst file found; split drawn by a hash of the names): add "
+                                  "meshes, or write train.lst, val.lst and test.lst there, one "
+                                  "name without its ending a line"
+                                : "");
     qsort(c->item, (size_t)c->count, sizeof *c->item, by_id);
     for (long i = 1; i < c->count; i++)
         if (!strcmp(c->item[i - 1].id, c->item[i].id))

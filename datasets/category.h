@@ -4,7 +4,8 @@
  *
  *   lists      train.lst, val.lst, test.lst with one id a line ('#' begins a comment), and for each
  *              id <id>/model.obj, <id>/models/model_normalized.obj, <id>/model_normalized.obj
- *              or <id>/model.{ply,off,stl}                                    (ShapeNet)
+ *              or <id>/model.{ply,off,stl}                                    (ShapeNet),
+ *              or, if there is none, the file <id>.{obj,ply,off,stl}
  *   folder     no list: every OBJ, PLY, OFF and STL file, its id the name without the ending, and
  *              every subfolder that holds a model as above. The split is drawn by a hash of the id,
  *              about 70 % train, 10 % val, 20 % test, the same on every machine; it does not change

@@ -105,6 +105,24 @@ static void test_bad_lists(void **state)
     expect_bad(state, "file", "train", "file: there is no such folder");
 }
 
+/* Lists may name files beside them, without the ending. */
+static void test_lists_of_files(void **state)
+{
+    put(state, "lamp/b.off", "");
+    put(state, "lamp/a.stl", "");
+    put(state, "lamp/c.obj", "");
+    put(state, "lamp/train.lst", "b\na\n");
+    lf_category *c = open_good(state, "lamp", "train");
+    assert_int_equal(c->count, 2);
+    assert_false(c->drawn);
+    assert_string_equal(c->item[0].id, "a");
+    assert_non_null(strstr(c->item[0].path, "lamp/a.stl"));
+    assert_non_null(strstr(c->item[1].path, "lamp/b.off"));
+    lf_category_close(c);
+    put(state, "lamp/train.lst", "b.off\n");
+    expect_bad(state, "lamp", "train", "train.lst:1: the shape 'b.off' has no mesh");
+}
+
 static void test_folder_without_lists(void **state)
 {
     char name[64];
@@ -152,6 +170,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_lists),
         cmocka_unit_test(test_bad_lists),
+        cmocka_unit_test(test_lists_of_files),
         cmocka_unit_test(test_folder_without_lists),
         cmocka_unit_test(test_folder_without_shapes),
     };
