@@ -20,9 +20,9 @@ lf_shapes_options lf_shapes_options_from(const lf_config *cfg, const char *split
 {
     const char *root = lf_config_string(cfg, "data.root");
     const bool train = strcmp(split, "train") == 0, builtin = strcmp(root, LF_BUILTIN) == 0;
-    const long most = train                       ? 0
-                      : strcmp(split, "val") == 0 ? lf_config_int(cfg, "data.val_shapes")
-                                                  : lf_config_int(cfg, "data.test_shapes");
+    const bool val = strcmp(split, "val") == 0;
+    const long most = val ? lf_config_int(cfg, "data.val_shapes") : 0; /* of a folder; 0: all */
+    const char *const count = train ? "data.shapes" : val ? "data.val_shapes" : "data.test_shapes";
     lf_shapes_options o = {
         .root = root,
         .category = lf_config_string(cfg, "data.category"),
@@ -39,7 +39,6 @@ lf_shapes_options lf_shapes_options_from(const lf_config *cfg, const char *split
         /* what is evaluated must not change with the seed of a training */
         .seed = train ? (uint64_t)lf_config_int(cfg, "train.seed") : 1,
     };
-    o.builtin = builtin ? (train ? lf_config_int(cfg, "data.shapes") : most)
-                        : lf_config_int(cfg, "data.extra_builtin");
+    o.builtin = lf_config_int(cfg, builtin ? count : "data.extra_builtin");
     return o;
 }
