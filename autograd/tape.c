@@ -1,7 +1,8 @@
 /* tape.c: the arena, its tensors, the list of nodes and the walk back.
  *
  * The arena is one block; what does not fit goes to overflow blocks, and the next reset joins all
- * of them into one, so that a tape reaches its final size once and then never allocates.
+ * of them (also those that a release has freed) into one, so that a tape reaches its final size
+ * once and then never allocates.
  */
 #include <stdalign.h>
 #include "autograd/autograd.h"
@@ -79,10 +80,10 @@ void lf_tape_free(lf_tape *tape)
 
 void lf_tape_reset(lf_tape *tape)
 {
-    if (tape->blocks && tape->blocks->next) {
-        const size_t total = tape->older + tape->blocks->size;
+    const size_t total = tape->blocks ? tape->older + tape->blocks->size : 0;
+    if (tape->blocks && (tape->blocks->next || total < tape->peak)) {
         free_blocks(tape);
-        tape->blocks = block_create(total);
+        tape->blocks = block_create(total > tape->peak ? total : tape->peak);
     }
     tape->used = tape->older = 0;
     tape->node_count = 0;
@@ -247,10 +248,10 @@ static lf_real *zeroed(lf_tape *tape, long size)
 
 lf_real *lf_grad(lf_tape *tape, lf_tensor *t)
 {
+    if (t->of && t->wants) /* found anew: an earlier walk may have given the tensor's away */
+        return t->grad = lf_grad(tape, t->of) + t->offset;
     if (!t->wants || t->grad)
         return t->grad;
-    if (t->of)
-        return t->grad = lf_grad(tape, t->of) + t->offset;
     return t->grad = zeroed(tape, t->size);
 }
 
