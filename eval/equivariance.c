@@ -299,13 +299,13 @@ static void print_table(const table *t, long elements, long shapes)
            elements, shapes, POINTS, "layer");
     const char *const heading[KINDS] = {"frame moved", "quarter turns", "eighth turns"};
     for (int k = 0; k < KINDS; k++)
-        printf("  %-19s", heading[k]);
+        printf("  %*s", k + 1 < KINDS ? -17 : 0, heading[k]);
     printf("\n");
     for (int l = 0; l < t->layers; l++) {
         printf("%-24s", t->name[l]);
         for (int k = 0; k < KINDS; k++) {
             const deviation *d = &t->cell[k][l];
-            printf("  %.1e (%.1e) ", relative(d, d->largest),
+            printf("  %.1e (%.1e)", relative(d, d->largest),
                    relative(d, d->sum / (double)(d->count ? d->count : 1)));
         }
         printf("\n");

@@ -1,7 +1,5 @@
 /* evaluate.c: scores, meshes and the picture of a split. See evaluate.h. */
-#include <errno.h>
 #include <math.h>
-#include <sys/stat.h>
 #include <time.h>
 
 #include "eval/evaluate.h"
@@ -9,6 +7,7 @@
 #include "eval/montage.h"
 #include "eval/report.h"
 #include "train/progress.h"
+#include "train/run_dir.h"
 #include "train/trainer.h"
 
 enum { V = LF_CUBE_VIEWS };
@@ -136,17 +135,6 @@ static void free_rows(lf_montage_row *row, long rows)
     free(row);
 }
 
-static lf_status make_folder(const char *path, lf_error *err)
-{
-    struct stat st;
-    if (stat(path, &st) == 0 && S_ISDIR(st.st_mode))
-        return LF_OK;
-    if (mkdir(path, 0777) == 0)
-        return LF_OK;
-    return lf_fail(err, errno == ENOSPC ? LF_FAILED : LF_BAD_INPUT,
-                   "%s: cannot make this folder: %s", path, strerror(errno));
-}
-
 /* ---- the split ---- */
 
 typedef struct run {
@@ -213,8 +201,10 @@ static lf_status score_split(run *r, subject *s, lf_error *err)
     for (long i = 0; i < r->count; i++) {
         const lf_status status = score_shape(r, s, i, err);
         release(s);
-        if (status != LF_OK)
+        if (status != LF_OK) {
+            lf_progress_end(&r->progress);
             return lf_error_context(err, status, "%s", lf_shapes_id(s->shapes, i));
+        }
     }
     lf_progress_end(&r->progress);
     return write_results(r, s->options, err);
@@ -262,7 +252,7 @@ lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_
     if (options->setting)
         LF_TRY(lf_setting_parse(options->setting, &data.views.setting, err));
     if (options->out)
-        LF_TRY(make_folder(options->out, err));
+        LF_TRY(lf_make_folders(options->out, err));
     lf_shapes *shapes;
     LF_TRY(lf_shapes_open(&data, &shapes, err));
     const lf_status status =

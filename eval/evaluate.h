@@ -7,7 +7,8 @@
 #include "datasets/projection.h"
 #include "models/recon_work.h"
 
-/* A model loaded from a checkpoint, ready to predict. Its parts refer to each other: never copy it. */
+/* A model loaded from a checkpoint, ready to predict. Its parts refer to each other: never copy it.
+ */
 typedef struct lf_loaded {
     lf_config *cfg; /* the checkpoint's, with overrides */
     lf_store *store;

@@ -21,7 +21,7 @@ static void print_help(FILE *out)
           "  --setting S       I, Z, R, Y or SO3 (default: the training's)\n"
           "  --split S         train, val or test (default test)\n"
           "  --shapes N        at most N shapes\n"
-          "  --json F          write the report as JSON\n"
+          "  --json F          write the report as JSON (compare-meshes prints it as well)\n"
           "  --out DIR         write meshes (PLY) and a picture of the first shapes, montage.png\n"
           "  --pictures N      rows of the picture (default 6)\n"
           "  --roll DEGREES    roll every view by this as well and render it again\n"
@@ -44,7 +44,8 @@ enum { MOST_SETS = 256 };
 typedef struct arguments {
     const char *checkpoint, *set[MOST_SETS];
     int sets, threads;
-    long check; /* elements of --check-equivariance; 0: not asked */
+    unsigned given; /* bits 1 << (option - CHECKPOINT) */
+    long check;     /* elements of --check-equivariance; 0: not asked */
     long samples;
     bool normalise, done;
     lf_evaluate_options evaluate;
@@ -189,25 +190,13 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
 static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
 {
     int option;
-    while (!a->done && (option = getopt_long(argc, argv, "", option_table, NULL)) != -1)
+    while (!a->done && (option = getopt_long(argc, argv, "", option_table, NULL)) != -1) {
         LF_TRY(parse_option(a, option, err));
+        a->given |= 1u << (option - CHECKPOINT);
+    }
     a->words = argc - optind;
     a->word = argv + optind;
     return LF_OK;
-}
-
-static lf_status run_compare(const arguments *a, lf_error *err)
-{
-    if (a->words != 3)
-        return lf_fail(err, LF_BAD_INPUT,
-                       "compare-meshes takes two mesh files: the predicted and "
-                       "the true one");
-    lf_compare_options options = lf_compare_defaults();
-    options.normalise = a->normalise;
-    options.metric.exact = a->evaluate.exact;
-    if (a->samples)
-        options.metric.samples = a->samples;
-    return lf_compare_meshes(a->word[1], a->word[2], &options, stdout, err);
 }
 
 /* Refuse a report that could not be written before the work, not after it. */
@@ -229,8 +218,46 @@ static lf_status check_report(const char *path, lf_error *err)
     return status;
 }
 
+/* Refuse options that the job has no use for: `used` lists those it has. */
+static lf_status check_given(const arguments *a, const char *job, const int *used, lf_error *err)
+{
+    unsigned left = a->given;
+    for (; *used; used++)
+        left &= ~(1u << (*used - CHECKPOINT));
+    for (const struct option *o = option_table; o->name; o++)
+        if (left & 1u << (o->val - CHECKPOINT))
+            return lf_fail(err, LF_BAD_INPUT, "--%s means nothing to %s; see elf-eval --help",
+                           o->name, job);
+    return LF_OK;
+}
+
+static lf_status run_compare(const arguments *a, lf_error *err)
+{
+    if (a->words != 3)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "compare-meshes takes two mesh files: the predicted and "
+                       "the true one");
+    static const int used[] = {JSON, EXACT, NORMALISE, SAMPLES, THREADS, QUIET, 0};
+    LF_TRY(check_given(a, "compare-meshes", used, err));
+    lf_compare_options options = lf_compare_defaults();
+    options.normalise = a->normalise;
+    options.metric.exact = a->evaluate.exact;
+    options.json = a->evaluate.json;
+    if (a->samples)
+        options.metric.samples = a->samples;
+    if (options.json)
+        LF_TRY(check_report(options.json, err));
+    return lf_compare_meshes(a->word[1], a->word[2], &options, a->evaluate.quiet ? NULL : stdout,
+                             err);
+}
+
 static lf_status run_model(const arguments *a, lf_error *err)
 {
+    static const int score[] = {CHECKPOINT, SETTING, SPLIT, SHAPES, JSON,    OUT,   PICTURES,
+                                ROLL,       DENSE,   EXACT, SET,    THREADS, QUIET, 0};
+    static const int check[] = {CHECKPOINT, SPLIT, SHAPES, JSON, SET, THREADS, QUIET, CHECK, 0};
+    LF_TRY(a->check ? check_given(a, "--check-equivariance", check, err)
+                    : check_given(a, "the scores of a checkpoint", score, err));
     lf_loaded loaded;
     if (a->evaluate.json)
         LF_TRY(check_report(a->evaluate.json, err));
@@ -276,5 +303,5 @@ int main(int argc, char **argv)
     }
     if (status != LF_OK)
         fprintf(stderr, "elf-eval: %s\n", err.text);
-    return status;
+    return (int)status;
 }

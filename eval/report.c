@@ -1,9 +1,7 @@
 /* report.c: an evaluation as JSON and as a table. */
-#include <errno.h>
-#include <fcntl.h>
 #include <math.h>
-#include <unistd.h>
 
+#include "autograd/atomic_file.h"
 #include "eval/report.h"
 
 void lf_report_add(lf_report *report, const char *id, const lf_score *score, double seconds,
@@ -107,53 +105,13 @@ json_t *lf_report_json(const lf_report *report)
                      lf_metric_json(&report->metric), "per_shape", shapes);
 }
 
-/* Write all of a text and see it on the disk; 0 with errno set if that fails. */
-static int write_text(int file, const char *text)
-{
-    size_t left = strlen(text);
-    while (left) {
-        const ssize_t written = write(file, text, left);
-        if (written < 0 && errno == EINTR)
-            continue;
-        if (written < 0)
-            return 0;
-        text += written;
-        left -= (size_t)written;
-    }
-    return write(file, "\n", 1) == 1 && fsync(file) == 0;
-}
-
-static lf_status replace_file(const char *path, const char *text, lf_error *err)
-{
-    char beside[4096];
-    const int length = snprintf(beside, sizeof beside, "%s.%ld.tmp", path, (long)getpid());
-    if (length < 0 || (size_t)length >= sizeof beside)
-        return lf_fail(err, LF_BAD_INPUT, "%.80s...: the name is too long", path);
-    const int file = open(beside, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    if (file < 0)
-        return lf_fail(err, LF_FAILED, "%s: cannot be written: %s", path, strerror(errno));
-    int ok = write_text(file, text);
-    int why = errno;
-    if (close(file) != 0 && ok) {
-        ok = 0;
-        why = errno;
-    }
-    if (ok && rename(beside, path) != 0) {
-        ok = 0;
-        why = errno;
-    }
-    if (ok)
-        return LF_OK;
-    unlink(beside);
-    return lf_fail(err, LF_FAILED, "%s: cannot be written: %s", path, strerror(why));
-}
-
 lf_status lf_json_write(const char *path, const json_t *json, lf_error *err)
 {
     char *text = json_dumps(json, JSON_INDENT(2) | JSON_REAL_PRECISION(9) | JSON_ENCODE_ANY);
     if (!text)
         return lf_fail(err, LF_FAILED, "%s: the JSON could not be made (memory)", path);
-    const lf_status status = replace_file(path, text, err);
+    const lf_bytes pieces[] = {{text, strlen(text)}, {"\n", 1}};
+    const lf_status status = lf_atomic_write(path, pieces, 2, NULL, err);
     free(text);
     return status;
 }
@@ -187,7 +145,8 @@ void lf_report_print(const lf_report *report, FILE *out)
         const lf_report_shape *s = &report->shape[i];
         print_line(out, s->id, s->iou, s->chamfer_l1, s->seconds, s->empty ? "empty" : "");
     }
-    snprintf(note, sizeof note, "%ld shapes, %ld empty", report->shapes, m.empty);
+    snprintf(note, sizeof note, "%ld shape%s, %ld empty", report->shapes,
+             report->shapes == 1 ? "" : "s", m.empty);
     print_line(out, "mean", m.iou, m.chamfer_l1, m.seconds, note);
     fprintf(out,
             "IoU over %ld points, Chamfer-L1 from %ld samples a side, in tenths of the true "

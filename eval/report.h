@@ -58,8 +58,8 @@ json_t *lf_metric_json(const lf_metric_options *options);
 /* The whole report. A new reference. */
 json_t *lf_report_json(const lf_report *report);
 
-/* Write JSON beside `path` and rename it there, so that no reader sees half a file. LF_FAILED: the
- * folder is missing or the disk refuses; an older file at `path` is then as it was. */
+/* Replace the file `path` whole or not at all (autograd/atomic_file.h). LF_BAD_INPUT: the folder is
+ * missing; LF_FAILED: the disk refuses; an older file at `path` is then as it was. */
 lf_status lf_json_write(const char *path, const json_t *json, lf_error *err);
 lf_status lf_report_write(const lf_report *report, const char *path, lf_error *err);
 

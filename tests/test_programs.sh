@@ -134,6 +134,9 @@ ls meshes/*-predicted.ply meshes/*-true.ply meshes/montage.png >/dev/null || fai
 truth=$(ls meshes/*-true.ply | head -1)
 expect 0 '"iou": 1,|"iou": 1\.0' "$eval" compare-meshes "$truth" "$truth" --samples 2000
 expect 0 '"chamfer_l1":' "$eval" compare-meshes "$truth" "$(ls meshes/*-true.ply | tail -1)" --samples 2000
+expect 0 '' "$eval" compare-meshes "$truth" "$truth" --samples 2000 --normalise --quiet --json c.json
+grep -q 'box diagonal 1"' c.json || fail "the report does not say that both meshes were normalised"
+expect 2 '--dense means nothing to compare-meshes' "$eval" compare-meshes "$truth" "$truth" --dense
 expect 2 'compare-meshes|two meshes|A B' "$eval" compare-meshes "$truth"
 expect 2 'nothere\.ply' "$eval" compare-meshes "$truth" nothere.ply
 expect 2 'tiny\.ini' "$eval" compare-meshes "$truth" tiny.ini
@@ -141,8 +144,9 @@ expect 0 'signed distance' "$eval" --checkpoint "$(checkpoint run 6)" --check-eq
 grep -q '"quarter":' q.json || fail "no quarter turns in the report on equivariance"
 expect 2 'setting' "$eval" --checkpoint run --setting X
 expect 2 'data\.val_shapes' "$eval" --checkpoint run --split val # the config has none
-expect 2 'cannot make this folder' "$eval" --checkpoint run --out not/there
-expect 2 'cannot make this folder' "$eval" --checkpoint run --out tiny.ini
+expect 2 'tiny\.ini: is no folder' "$eval" --checkpoint run --out tiny.ini
+expect 2 'cannot make the folder' "$eval" --checkpoint run --out tiny.ini/there
+expect 2 '--normalise means nothing' "$eval" --checkpoint run --normalise
 expect 2 'cannot write there' "$eval" --checkpoint run --json not/there.json
 expect 2 'is a folder' "$eval" --checkpoint run --json meshes
 expect 0 'nothing to do' "$train" --resume run

@@ -21,8 +21,7 @@ struct lf_run {
 
 /* ---- files ----------------------------------------------------------------------------------- */
 
-/* mkdir -p */
-static lf_status make_folders(const char *path, lf_error *err)
+lf_status lf_make_folders(const char *path, lf_error *err)
 {
     char part[4096];
     const size_t length = strlen(path);
@@ -99,6 +98,22 @@ void lf_run_close(lf_run *run)
 
 /* ---- starting -------------------------------------------------------------------------------- */
 
+/* The part of `out` that is there must be a folder that can be written to. */
+static lf_status can_be_made(const char *out, lf_error *err)
+{
+    char part[4096];
+    struct stat info;
+    snprintf(part, sizeof part, "%s", out);
+    while (*part && strcmp(part, "/") && stat(part, &info)) {
+        char *slash = strrchr(part, '/');
+        *(slash == part ? part + 1 : slash ? slash : part) = 0;
+    }
+    if (access(*part ? part : ".", W_OK | X_OK))
+        return lf_fail(err, LF_BAD_INPUT, "%s: cannot make the folder: %s: %s", out,
+                       *part ? part : ".", strerror(errno));
+    return LF_OK;
+}
+
 lf_status lf_run_vacant(const char *out, lf_error *err)
 {
     static const char *const names[] = {"config.ini", "metrics.jsonl", "checkpoints", "latest"};
@@ -111,15 +126,15 @@ lf_status lf_run_vacant(const char *out, lf_error *err)
                            "%s holds another run (%s): choose another folder with --out, or go on "
                            "with that run with --resume %s",
                            out, names[i], out);
-    return LF_OK;
+    return can_be_made(out, err);
 }
 
 static lf_status create(lf_run *run, const char *config_text, lf_error *err)
 {
-    LF_TRY(make_folders(run->path, err));
+    LF_TRY(lf_make_folders(run->path, err));
     LF_TRY(lf_run_vacant(run->path, err));
     char *checkpoints = lf_path_join(run->path, "checkpoints");
-    const lf_status status = make_folders(checkpoints, err);
+    const lf_status status = lf_make_folders(checkpoints, err);
     free(checkpoints);
     LF_TRY(status);
     LF_TRY(open_metrics(run, err));

@@ -23,8 +23,8 @@ typedef struct lf_run lf_run;
  * holds another run (any of the names above) or is no folder; what is there stays as it is. */
 lf_status lf_run_create(const char *out, const char *config_text, lf_run **run, lf_error *err);
 
-/* LF_BAD_INPUT, in the words of lf_run_create, if `out` holds another run or is no folder. Nothing
- * is made. */
+/* LF_BAD_INPUT, in the words of lf_run_create, if `out` holds another run, is no folder, or cannot
+ * be made for lack of permission. Nothing is made. */
 lf_status lf_run_vacant(const char *out, lf_error *err);
 
 /* Go on with the run in `directory` after step `step`: metrics of later steps are cut off, damaged
@@ -32,6 +32,10 @@ lf_status lf_run_vacant(const char *out, lf_error *err);
  * of later steps (they would be lost) or another process writes to the run. */
 lf_status lf_run_open(const char *directory, long step, lf_run **run, lf_error *err);
 void lf_run_close(lf_run *run);
+
+/* Make the folder `path` and its parents; no error if it is there. LF_BAD_INPUT: something else has
+ * that name, or it cannot be made; LF_FAILED: the disk is full. */
+lf_status lf_make_folders(const char *path, lf_error *err);
 
 const char *lf_run_path(const lf_run *run);
 /* The path of a checkpoint, for the caller to write. malloc'd. */
