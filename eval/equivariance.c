@@ -10,6 +10,7 @@
 #include "autograd/random.h"
 #include "eval/equivariance.h"
 #include "eval/report.h"
+#include "train/run_dir.h"
 #include "train/trainer.h"
 
 enum { V = LF_CUBE_VIEWS, POINTS = 512, LAYERS = 32, EIGHTHS = 8 };
@@ -77,8 +78,12 @@ static lf_tensor *image_tensor(lf_tape *tape, const lf_recon *model, const uint8
     const lf_recon_config *c = &model->config;
     lf_tensor *t =
         lf_tensor_new(tape, 4, LF_DIMS(V, c->image_size, c->image_size, c->backbone.in_channels));
+    float *pixels = malloc((size_t)t->size * sizeof *pixels);
+    LF_REQUIRE(pixels, "out of memory for %ld pixels", t->size);
+    lf_shapes_pixels(images, t->size, pixels);
     for (long i = 0; i < t->size; i++)
-        t->value[i] = (lf_real)images[i] / 255;
+        t->value[i] = (lf_real)pixels[i];
+    free(pixels);
     return t;
 }
 
@@ -259,7 +264,6 @@ typedef struct table {
     deviation cell[KINDS][LAYERS];
     char name[LAYERS][48];
     int layers;
-    bool quarters_exact; /* pixels of the turned image are the camera's */
 } table;
 
 static lf_status try_shape(subject *s, long index, long elements, table *t, lf_error *err)
@@ -321,9 +325,10 @@ static json_t *table_json(const table *t, long elements, long shapes)
         json_t *row = json_pack("{s:s}", "layer", t->name[l]);
         for (int k = 0; k < KINDS; k++) {
             const deviation *d = &t->cell[k][l];
-            json_object_set_new(row, kind_name[k],
-                                json_pack("{s:f, s:f}", "largest", relative(d, d->largest), "mean",
-                                          relative(d, d->sum / (double)(d->count ? d->count : 1))));
+            json_t *cell = json_object(); /* a NaN stands as null: it must not vanish */
+            lf_json_real(cell, "largest", relative(d, d->largest));
+            lf_json_real(cell, "mean", relative(d, d->sum / (double)(d->count ? d->count : 1)));
+            json_object_set_new(row, kind_name[k], cell);
         }
         json_array_append_new(layers, row);
     }

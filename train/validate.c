@@ -8,6 +8,12 @@ typedef struct agreement {
     long both, either;
 } agreement;
 
+/* NaN stays NaN, so that a broken model never is the best one. */
+static double clip(double x, double most)
+{
+    return x < -most ? -most : x > most ? most : x;
+}
+
 /* The first POINTS / 2 stored points of either kind; IoU over the uniform ones. */
 static agreement validate_shape(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes,
                                 long index, lf_projection *projection)
@@ -41,8 +47,7 @@ static agreement validate_shape(lf_recon_work *work, const lf_config *cfg, const
     lf_recon_predict(work, &points, scale, sdf, NULL);
     agreement a = {0};
     for (long i = 0; i < n; i++) {
-        const double t = fmax(-clamp, fmin(clamp, (double)truth[i]));
-        const double p = fmax(-clamp, fmin(clamp, (double)sdf[i]));
+        const double t = clip((double)truth[i], clamp), p = clip((double)sdf[i], clamp);
         const double w = (double)truth[i] <= lf_config_real(cfg, "loss.near")
                              ? lf_config_real(cfg, "loss.near_weight")
                              : 1;
