@@ -126,6 +126,12 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
 
 static lf_bench_work *open_tiny(const lf_bench_case *c)
 {
+    static const char *const sets[] = {"data.image_size=97"};
+    return open_sets(c, sets, 1, 2);
+}
+
+static lf_bench_work *open_small_images(const lf_bench_case *c)
+{
     return open_sets(c, NULL, 0, 2);
 }
 
@@ -145,6 +151,7 @@ static const lf_bench_case cases[] = {
      open_tiny,
      {2, 512, 32},
      0},
+    {"step-65", "the same with images of 65x65", open_small_images, {2, 512, 32}, 0},
     {"step-peer",
      "training step at the sizes of the PyTorch comparison: 8 views 65x65, 2048 points",
      open_peer,
