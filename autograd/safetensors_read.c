@@ -211,7 +211,7 @@ static lf_status read_entries(lf_safetensors *f, lf_error *err)
     json_t *entry;
     json_object_foreach(f->header, name, entry)
     {
-        if (strcmp(name, LF_METADATA_KEY))
+        if (strcmp(name, LF_METADATA_KEY) != 0)
             LF_TRY(read_entry(f, name, entry, &f->array[f->arrays++], err));
     }
     qsort(f->array, (size_t)f->arrays, sizeof *f->array, by_offset);
@@ -240,7 +240,7 @@ static lf_status check_metadata(lf_safetensors *f, lf_error *err)
     char found[33];
     lf_checksum_text(state, found);
     XXH3_freeState(state);
-    if (strcmp(found, expected))
+    if (strcmp(found, expected) != 0)
         return lf_fail(err, LF_BAD_INPUT,
                        "%s: damaged: the checksum of its data is %s, its header says %.40s",
                        f->path, found, expected);
@@ -331,7 +331,7 @@ lf_status lf_safetensors_copy(const lf_safetensors *file, const char *name, int 
     if (array->dtype != LF_F32 && array->dtype != LF_F64)
         return lf_fail(err, LF_BAD_INPUT, "%s: array %s is %s; expected is F32 or F64", file->path,
                        name, lf_dtype_name(array->dtype));
-    if (array->rank != rank || (rank && memcmp(array->dim, dim, (size_t)rank * sizeof *dim))) {
+    if (array->rank != rank || (rank && memcmp(array->dim, dim, (size_t)rank * sizeof *dim) != 0)) {
         char found[200], expected[200];
         print_shape(found, array->rank, array->dim);
         print_shape(expected, rank, dim);

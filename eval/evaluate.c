@@ -1,6 +1,5 @@
 /* evaluate.c: scores, meshes and the picture of a split. See evaluate.h. */
 #include <math.h>
-#include <time.h>
 
 #include "eval/evaluate.h"
 #include "eval/isosurface.h"
@@ -11,13 +10,6 @@
 #include "train/trainer.h"
 
 enum { V = LF_CUBE_VIEWS };
-
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* What the evaluation of one shape needs and leaves. */
 typedef struct subject {
@@ -81,12 +73,12 @@ static lf_status extract(subject *s, long index, lf_error *err)
     const lf_config *cfg = s->loaded->cfg;
     LF_TRY(lf_shapes_load(s->shapes, index, &s->shape, err));
     LF_TRY(make_views(s, index, err));
-    const double edge = s->shape.longest_edge, t0 = now();
+    const double edge = s->shape.longest_edge, t0 = lf_seconds_now();
     const lf_iso_options predicted = iso_options(cfg, edge, s->options->dense);
     const lf_iso_options truth = iso_options(cfg, edge, false);
     lf_loaded_encode(s->loaded, &s->views);
     LF_TRY(lf_isosurface(&predicted, predict_field, s, &s->predicted, &s->iso, err));
-    s->seconds = now() - t0;
+    s->seconds = lf_seconds_now() - t0;
     return lf_isosurface(&truth, true_field, s, &s->truth, NULL, err);
 }
 
@@ -164,7 +156,7 @@ static lf_status score_shape(run *r, subject *s, long index, lf_error *err)
     }
     if (s->options->out && r->rows < s->options->pictures)
         keep_row(&r->row[r->rows++], s, id, score.iou);
-    lf_progress_update(&r->progress, index + 1, now() - r->started, "IoU %.3f",
+    lf_progress_update(&r->progress, index + 1, lf_seconds_now() - r->started, "IoU %.3f",
                        lf_report_mean(&r->report).iou);
     return LF_OK;
 }
@@ -196,7 +188,7 @@ static lf_status write_results(run *r, const lf_evaluate_options *o, lf_error *e
 
 static lf_status score_split(run *r, subject *s, lf_error *err)
 {
-    r->started = now();
+    r->started = lf_seconds_now();
     r->progress = lf_progress_start(stdout, "shape", 0, r->count, s->options->quiet);
     for (long i = 0; i < r->count; i++) {
         const lf_status status = score_shape(r, s, i, err);

@@ -163,8 +163,6 @@ static lf_status train(const arguments *a, const lf_config *cfg, lf_train_option
     options->overfit = a->overfit;
     options->check_finite = a->check_finite;
     options->stop = &stop_asked;
-    if (!a->quiet)
-        printf("run folder: %s\n", options->out);
     catch_signals();
     return lf_train(cfg, options, err);
 }

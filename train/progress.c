@@ -4,6 +4,7 @@
 #include <math.h>
 #include <sys/ioctl.h>
 #include <sys/resource.h>
+#include <time.h>
 #include <unistd.h>
 
 static const double terminal_interval = 0.1, plain_interval = 5; /* seconds between prints */
@@ -96,6 +97,13 @@ void lf_progress_end(lf_progress *p)
         fprintf(p->out, "\n");
     p->shown = 0;
     fflush(p->out);
+}
+
+double lf_seconds_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
 double lf_peak_rss_mb(void)

@@ -42,6 +42,9 @@ void lf_progress_end(lf_progress *p);
 /* "0:07", "12:34" or "3:02:10"; "?" if seconds is not finite or negative. text holds 24 bytes. */
 void lf_duration_text(double seconds, char text[24]);
 
+/* Seconds of a clock that never goes back, from an arbitrary beginning. */
+double lf_seconds_now(void);
+
 /* The most memory this process has held, in MB of 10^6 bytes. */
 double lf_peak_rss_mb(void);
 

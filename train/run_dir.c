@@ -104,7 +104,7 @@ static lf_status can_be_made(const char *out, lf_error *err)
     char part[4096];
     struct stat info;
     snprintf(part, sizeof part, "%s", out);
-    while (*part && strcmp(part, "/") && stat(part, &info)) {
+    while (*part && strcmp(part, "/") != 0 && stat(part, &info)) {
         char *slash = strrchr(part, '/');
         *(slash == part ? part + 1 : slash ? slash : part) = 0;
     }

@@ -1,6 +1,5 @@
 /* trainer.c: the training loop. See trainer.h. */
 #include <math.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "autograd/random.h"
@@ -30,13 +29,6 @@ typedef struct trainer {
     bool validated; /* at the current step */
 } trainer;
 
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* ---- before the first step ---- */
 
 typedef struct prepare_progress {
@@ -48,30 +40,51 @@ static void prepared(void *context, long done, long total)
 {
     prepare_progress *p = context;
     (void)total;
-    lf_progress_update(&p->progress, done, now() - p->started, "rendering and sampling shapes");
+    lf_progress_update(&p->progress, done, lf_seconds_now() - p->started,
+                       "rendering and sampling shapes");
 }
 
-static lf_status prepare(trainer *t, const char *split, lf_shapes **shapes, lf_error *err)
+static lf_status open_split(const trainer *t, const char *split, lf_shapes **shapes, lf_error *err)
 {
     const lf_shapes_options options = lf_shapes_options_from(t->cfg, split);
     LF_TRY(lf_shapes_open(&options, shapes, err));
     const double mb = (double)lf_shapes_bytes(*shapes) * 1e-6;
     const double most = (double)lf_config_int(t->cfg, "data.cache_mb");
-    if (mb > most)
-        return lf_fail(err, LF_BAD_INPUT,
-                       "the views and points of %ld shapes take %.0f MB, more than data.cache_mb = "
-                       "%.0f: raise it, or lower data.draws, data.shapes or data.points_*",
-                       lf_shapes_count(*shapes), mb, most);
+    if (mb <= most)
+        return LF_OK;
+    return lf_fail(err, LF_BAD_INPUT,
+                   "the views and points of %ld shapes take %.0f MB, more than data.cache_mb = "
+                   "%.0f: raise it, or lower data.draws, data.shapes or data.points_*",
+                   lf_shapes_count(*shapes), mb, most);
+}
+
+/* Both splits, before the first is rendered. */
+static lf_status open_data(trainer *t, lf_error *err)
+{
+    const long val = lf_config_int(t->cfg, "data.val_shapes");
+    LF_TRY(open_split(t, "train", &t->shapes, err));
+    if (val == 0)
+        return LF_OK;
+    const lf_status status = open_split(t, "val", &t->val, err);
+    return status == LF_OK
+               ? LF_OK
+               : lf_error_context(err, status, "data.val_shapes = %ld (0: no validation)", val);
+}
+
+static lf_status prepare(const trainer *t, const char *split, lf_shapes *shapes, lf_error *err)
+{
     prepare_progress p = {
-        lf_progress_start(stdout, "shape", 0, lf_shapes_count(*shapes), t->options->quiet), now()};
-    const lf_status status = lf_shapes_prepare(*shapes, prepared, &p, err);
+        lf_progress_start(stdout, "shape", 0, lf_shapes_count(shapes), t->options->quiet),
+        lf_seconds_now()};
+    const lf_status status = lf_shapes_prepare(shapes, prepared, &p, err);
     lf_progress_end(&p.progress);
     LF_TRY(status);
     long doubtful, samples;
-    lf_shapes_doubtful(*shapes, &doubtful, &samples);
+    lf_shapes_doubtful(shapes, &doubtful, &samples);
     if (!t->options->quiet)
         printf("%s: %ld shapes, %.0f MB; sign doubtful at %.2f %% of %ld points\n", split,
-               lf_shapes_count(*shapes), mb, 100.0 * (double)doubtful / (double)samples, samples);
+               lf_shapes_count(shapes), (double)lf_shapes_bytes(shapes) * 1e-6,
+               100.0 * (double)doubtful / (double)samples, samples);
     return LF_OK;
 }
 
@@ -150,7 +163,7 @@ static lf_status save(trainer *t, lf_error *err)
 {
     if (t->saved == t->state.step)
         return LF_OK;
-    t->state.seconds = now() - t->started;
+    t->state.seconds = lf_seconds_now() - t->started;
     char *path = lf_run_checkpoint(t->run, t->state.step);
     lf_status status = lf_checkpoint_write(path, t->store, &t->adam, &t->state, t->cfg, NULL, err);
     free(path);
@@ -167,7 +180,7 @@ static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
     const double wall = t->step_seconds + t->data_seconds;
     json_t *line = json_object();
     json_object_set_new(line, "step", json_integer(t->state.step));
-    lf_json_real(line, "seconds", now() - t->started);
+    lf_json_real(line, "seconds", lf_seconds_now() - t->started);
     lf_json_real(line, "loss", t->state.loss_sum / (double)t->state.loss_steps);
     lf_json_real(line, "lr", lr);
     lf_json_real(line, "grad_norm", norm);
@@ -239,16 +252,16 @@ static lf_status one_step(trainer *t, lf_error *err)
 {
     const lf_sdf_loss_config loss_keys = loss_config(t->cfg);
     const long total = lf_config_int(t->cfg, "train.steps");
-    const double lr = lf_learning_rate(t->cfg, t->state.step), t0 = now();
+    const double lr = lf_learning_rate(t->cfg, t->state.step), t0 = lf_seconds_now();
     const lf_batch b = lf_batches_at(t->batches, t->options->overfit ? 0 : t->state.step);
-    const double t1 = now();
+    const double t1 = lf_seconds_now();
     copy_statistics(t, false);
     const double loss = lf_recon_step(t->work, b.images, b.image, &b.points, b.sdf, &loss_keys);
     double norm;
     LF_TRY(update(t, loss, lr, &norm, err));
     t->state.step++;
     t->data_seconds += t1 - t0;
-    t->step_seconds += now() - t1;
+    t->step_seconds += lf_seconds_now() - t1;
     t->state.loss_sum += loss;
     t->state.loss_steps++;
     t->validated = false;
@@ -260,7 +273,7 @@ static lf_status one_step(trainer *t, lf_error *err)
         LF_TRY(log_step(t, lr, norm, err));
     if (last || step % lf_config_int(t->cfg, "train.checkpoint_every") == 0)
         LF_TRY(save(t, err));
-    lf_progress_update(&t->progress, step, now() - t->started, "loss %.4f", loss);
+    lf_progress_update(&t->progress, step, lf_seconds_now() - t->started, "loss %.4f", loss);
     return LF_OK;
 }
 
@@ -272,7 +285,7 @@ static bool interrupted(const trainer *t)
 static lf_status loop(trainer *t, lf_error *err)
 {
     const long steps = lf_config_int(t->cfg, "train.steps");
-    t->started = now() - t->state.seconds;
+    t->started = lf_seconds_now() - t->state.seconds;
     t->timed = t->state.step;
     if (t->options->resume && !t->options->fresh)
         t->saved = t->state.step;
@@ -330,9 +343,12 @@ static lf_status train_all(trainer *t, lf_error *err)
                    t->state.step, steps);
         return LF_OK;
     }
-    LF_TRY(prepare(t, "train", &t->shapes, err));
-    if (lf_config_int(t->cfg, "data.val_shapes") > 0)
-        LF_TRY(prepare(t, "val", &t->val, err));
+    LF_TRY(open_data(t, err));
+    if (!t->options->quiet)
+        printf("run folder: %s\n", t->options->out);
+    LF_TRY(prepare(t, "train", t->shapes, err));
+    if (t->val)
+        LF_TRY(prepare(t, "val", t->val, err));
     t->batches = lf_batches_create(t->cfg, t->shapes);
     LF_TRY(open_run(t, err));
     if (!t->options->quiet)
