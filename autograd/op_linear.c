@@ -35,6 +35,8 @@ lf_tensor *lf_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lf
     LF_REQUIRE(w->rank == 2 && lf_cols(x) == w->dim[0] && (!b || b->size == w->dim[1]),
                "lf_linear: x [.., %ld], w [%ld, %ld], b [%ld]", lf_cols(x), w->dim[0], w->dim[1],
                b ? b->size : -1);
+    LF_REQUIRE(!b || !b->wants || w->wants,
+               "lf_linear: a bias with gradient needs a matrix with one");
     lf_tensor *y = lf_tensor_cols(tape, x, w->dim[1]);
     lf_kernel_linear(lf_rows(x), w->dim[0], w->dim[1], x->value, w->value, b ? b->value : NULL, act,
                      y->value);
