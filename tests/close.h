@@ -16,6 +16,12 @@ static inline int is_close(double actual, double expected, double rtol, double a
     return fabs(actual - expected) <= atol + rtol * fabs(expected);
 }
 
+/* The larger of two; a NaN stays, which fmax would drop. */
+static inline double larger(double a, double b)
+{
+    return a > b || isnan(a) ? a : b;
+}
+
 #define assert_close(actual, expected, rtol, atol)                                                 \
     do {                                                                                           \
         const double close_a = (double)(actual), close_e = (double)(expected);                     \

@@ -110,7 +110,7 @@ static double turn_defect(net *n, long size, bool training)
         for (int m = 0; m < maps + inner; m++) {
             want[m] = turned(n->tape, want[m], m < maps ? 1 : LF_C8);
             const lf_tensor *g = m < maps ? got[m] : fields[m - maps];
-            worst = fmax(worst, relative_error(g->value, want[m]->value, g->size));
+            worst = larger(worst, relative_error(g->value, want[m]->value, g->size));
         }
     }
     return worst;
@@ -217,7 +217,7 @@ static void check_gradient(lf_backbone_config config)
         move(p, -2 * step);
         const double down = loss_of(&n, 17, false);
         move(p, step);
-        worst = fmax(worst, fabs((up - down) / (2 * step) - slope));
+        worst = larger(worst, fabs((up - down) / (2 * step) - slope));
         size = fmax(size, fabs(slope));
     }
     assert_below(worst / size, 1e-7);

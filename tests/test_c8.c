@@ -103,7 +103,7 @@ static void test_expand_is_the_formula(void **state)
         for (int b = 0; b < COUNT; b++)
             sum += (double)w->value[((o * IN + i) * 8 + (r - a + 8) % 8) * COUNT + b] *
                    explicit_basis(b, p / 3, p % 3, a);
-        worst = fmax(worst, fabs(sum - (double)f->value[n]));
+        worst = larger(worst, fabs(sum - (double)f->value[n]));
     }
     assert_below(worst, 10 * ROUNDING);
     lf_c8_basis_free(&basis);
@@ -157,8 +157,8 @@ static void test_quarter_turn_of_the_bank(void **state)
         const int turned =
             ((row * K + col) * F + i) * 64 * F; /* filter (r, a) at the turned pixel */
         const int from = (((col * K + (K - 1 - row)) * F + i) * 8 + (r + 6) % 8) * 8 * F;
-        worst = fmax(worst, fabs((double)f->value[turned + (r * F + o) * 8 + a] -
-                                 (double)f->value[from + o * 8 + (a + 6) % 8]));
+        worst = larger(worst, fabs((double)f->value[turned + (r * F + o) * 8 + a] -
+                                   (double)f->value[from + o * 8 + (a + 6) % 8]));
     }
     assert_below(worst, 10 * ROUNDING);
     lf_c8_basis_free(&basis);

@@ -277,7 +277,7 @@ static void check_rolls(lf_setting setting, double largest_offset)
             }
             first = v == 0 ? a : first;
             pair += v == 1 ? cos(a - first) / draws : 0;
-            offset = fmax(offset, axis_offset(&camera[v]));
+            offset = larger(offset, axis_offset(&camera[v]));
             assert_rotation(camera[v].rotation);
         }
     }

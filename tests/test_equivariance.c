@@ -166,7 +166,7 @@ static double difference(const output *a, const output *b)
     const double scalars = relative_error(a->scalar, b->scalar, Q * b->scalars);
     const double vectors =
         b->vectors ? relative_error(a->vector, b->vector, 3 * Q * b->vectors) : 0;
-    return scalars > vectors ? scalars : vectors;
+    return larger(scalars, vectors);
 }
 
 static scene moved(const scene *s, const lf_motion *g)

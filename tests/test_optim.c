@@ -56,8 +56,8 @@ static double adam_error(const lf_adam_config *config)
         assert_true(adam.m[still->offset + i] == 0 && adam.v[still->offset + i] == 0);
     }
     double worst = relative_error(lf_values(p), r.x, N);
-    worst = fmax(worst, relative_error(adam.m + p->offset, r.m, N));
-    worst = fmax(worst, relative_error(adam.v + p->offset, r.v, N));
+    worst = larger(worst, relative_error(adam.m + p->offset, r.m, N));
+    worst = larger(worst, relative_error(adam.v + p->offset, r.v, N));
     lf_adam_free(&adam);
     lf_store_free(store);
     return worst;

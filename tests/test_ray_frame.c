@@ -59,8 +59,8 @@ static double ray_error(const lf_ray *a, const lf_ray *b)
 {
     double worst = 0;
     for (int i = 0; i < 3; i++)
-        worst = fmax(worst, fmax(fabs(a->direction[i] - b->direction[i]),
-                                 fabs(a->moment[i] - b->moment[i])));
+        worst = larger(worst, larger(fabs(a->direction[i] - b->direction[i]),
+                                     fabs(a->moment[i] - b->moment[i])));
     return worst;
 }
 
@@ -68,16 +68,16 @@ static double frame_error(const lf_frame *a, const lf_frame *b)
 {
     double worst = 0;
     for (int i = 0; i < 9; i++)
-        worst = fmax(worst, fabs(a->rotation[i] - b->rotation[i]));
+        worst = larger(worst, fabs(a->rotation[i] - b->rotation[i]));
     for (int i = 0; i < 3; i++)
-        worst = fmax(worst, fabs(a->origin[i] - b->origin[i]));
+        worst = larger(worst, fabs(a->origin[i] - b->origin[i]));
     return worst;
 }
 
 static double twist_error(const lf_twist *a, const lf_twist *b)
 {
-    return fmax(fabs(a->shift - b->shift),
-                fmax(fabs(a->cosine - b->cosine), fabs(a->sine - b->sine)));
+    return larger(fabs(a->shift - b->shift),
+                  larger(fabs(a->cosine - b->cosine), fabs(a->sine - b->sine)));
 }
 
 static lf_twist stabiliser(double gamma, double shift)
@@ -91,7 +91,7 @@ static double axes_defect(const double s[9])
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             const double p = s[i] * s[j] + s[3 + i] * s[3 + j] + s[6 + i] * s[6 + j];
-            worst = fmax(worst, fabs(p - (i == j)));
+            worst = larger(worst, fabs(p - (i == j)));
         }
     return worst;
 }
@@ -114,10 +114,10 @@ static void test_action(void **state)
         lf_frame_apply(&gh, p, moved);
         const lf_ray of_points = lf_ray_through(moved, once.direction);
         const lf_ray at_point = lf_ray_about(&x, p);
-        worst = fmax(worst, fmax(ray_error(&ghx, &once), ray_error(&home, &x)));
-        worst = fmax(worst, ray_error(&of_points, &once));
+        worst = larger(worst, larger(ray_error(&ghx, &once), ray_error(&home, &x)));
+        worst = larger(worst, ray_error(&of_points, &once));
         for (int i = 0; i < 3; i++) /* a ray through p has no moment about p */
-            worst = fmax(worst, fabs(at_point.moment[i]));
+            worst = larger(worst, fabs(at_point.moment[i]));
     }
     assert_below(worst, limit);
 }
@@ -137,12 +137,12 @@ static void test_points_of_a_ray(void **state)
         lf_ray_point(&x, t, again);
         lf_frame_apply(&g, p, moved);
         lf_ray_foot(&x, foot);
-        worst = fmax(worst, fabs(lf_ray_parameter(&x, foot)));
+        worst = larger(worst, fabs(lf_ray_parameter(&x, foot)));
         for (int i = 0; i < 3; i++)
-            worst = fmax(worst, fabs(again[i] - p[i]));
+            worst = larger(worst, fabs(again[i] - p[i]));
         /* the parameter shifts by the twist's translation */
         const double shift = lf_ray_twist(&g, &x).shift;
-        worst = fmax(worst, fabs(lf_ray_parameter(&y, moved) - t - shift));
+        worst = larger(worst, fabs(lf_ray_parameter(&y, moved) - t - shift));
     }
     assert_below(worst, limit);
 }
@@ -162,7 +162,7 @@ static void test_section(void **state)
         const double *r = section.rotation;
         const double det = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
                            r[2] * (r[3] * r[7] - r[4] * r[6]);
-        worst = fmax(worst, fmax(ray_error(&x, &y), fmax(axes_defect(r), fabs(det - 1))));
+        worst = larger(worst, larger(ray_error(&x, &y), larger(axes_defect(r), fabs(det - 1))));
     }
     assert_below(worst, limit);
 }
@@ -221,7 +221,7 @@ static void test_twist_is_the_definition(void **state)
         const lf_frame left = lf_frame_compose(&from_y, &moved);
         const lf_twist h = lf_ray_twist(&g, &x);
         const lf_frame as_frame = lf_twist_frame(&h);
-        worst = fmax(worst, frame_error(&left, &as_frame));
+        worst = larger(worst, frame_error(&left, &as_frame));
     }
     assert_below(worst, limit);
 }
@@ -239,7 +239,7 @@ static void test_cocycle(void **state)
         const lf_twist first = lf_ray_twist(&b, &x), second = lf_ray_twist(&a, &bx);
         const lf_twist both = lf_twist_compose(&second, &first), whole = lf_ray_twist(&ab, &x);
         const lf_twist home = lf_ray_twist(&back, &bx), opposite = lf_twist_inverse(&first);
-        worst = fmax(worst, fmax(twist_error(&both, &whole), twist_error(&home, &opposite)));
+        worst = larger(worst, larger(twist_error(&both, &whole), twist_error(&home, &opposite)));
     }
     assert_below(worst, limit);
 }
@@ -257,8 +257,8 @@ static void test_twist_of_a_section(void **state)
         const lf_twist h = lf_ray_twist(&into, &y), of_both = lf_ray_twist(&both, &base);
         double foot[3];
         lf_ray_foot(&x, foot);
-        worst = fmax(worst, fabs(h.shift + lf_ray_parameter(&y, foot)));
-        worst = fmax(worst, twist_error(&h, &of_both)); /* h(s(x)^-1 s(y), base) */
+        worst = larger(worst, fabs(h.shift + lf_ray_parameter(&y, foot)));
+        worst = larger(worst, twist_error(&h, &of_both)); /* h(s(x)^-1 s(y), base) */
     }
     assert_below(worst, limit);
 }
@@ -307,7 +307,7 @@ static void test_tangent_vectors_turn_by_gamma(void **state)
                        g.rotation[3 * i + 2] * v[2];
         const double w[2] = {h.cosine * u[0] - h.sine * u[1], h.sine * u[0] + h.cosine * u[1]};
         for (int i = 0; i < 3; i++)
-            worst = fmax(worst, fabs(moved[i] - w[0] * after[3 * i] - w[1] * after[3 * i + 1]));
+            worst = larger(worst, fabs(moved[i] - w[0] * after[3 * i] - w[1] * after[3 * i + 1]));
     }
     assert_below(worst, limit);
 }

@@ -160,7 +160,7 @@ static double defect_of_rolls(const char *more)
         s = make_scene();
         roll(s, quarters[i]);
         distances(&n, s, after);
-        worst = fmax(worst, relative_error(after, before, Q));
+        worst = larger(worst, relative_error(after, before, Q));
         free(s);
     }
     close_net(&n);

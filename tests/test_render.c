@@ -51,7 +51,7 @@ static long differing(const float *a, const float *b, long n, double *largest)
     for (long k = 0; k < n; k++) {
         const double d = fabs((double)(a[k] - b[k]));
         count += d > 1e-5;
-        *largest = fmax(*largest, d);
+        *largest = larger(*largest, d);
     }
     return count;
 }

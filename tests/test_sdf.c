@@ -86,7 +86,7 @@ static void check_closed_form(lf_mesh *mesh, double (*form)(const double *), lf_
     for (int method = LF_SDF_COMBINED; method <= (int)last; method++) {
         evaluate(mesh, (lf_sdf_method)method, (const double(*)[3])p, v);
         for (long k = 0; k < points; k++)
-            worst = fmax(worst, fabs(fabs(v[k]) - fabs(truth[k])));
+            worst = larger(worst, fabs(fabs(v[k]) - fabs(truth[k])));
         assert_below(wrong_sign(v, truth), 0.1);
     }
     assert_below(worst, 1e-5);
