@@ -1,5 +1,6 @@
 /* test_category.c: categories with lists, folders without, and what is wrong with others. */
 #include "tests/close.h"
+#include "tests/folder.h"
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -15,9 +16,7 @@ static int set_up(void **state)
 
 static int tear_down(void **state)
 {
-    char command[128];
-    snprintf(command, sizeof command, "rm -r %s", (char *)*state);
-    const int left = system(command);
+    const int left = remove_tree(*state);
     free(*state);
     return left;
 }

@@ -1,5 +1,6 @@
 /* test_image.c: pictures to PNG and back, other formats, damaged files, pasting and text. */
 #include "tests/close.h"
+#include "tests/folder.h"
 
 #include <string.h>
 #include <sys/stat.h>
@@ -16,9 +17,7 @@ static int set_up(void **state)
 
 static int tear_down(void **state)
 {
-    char command[128];
-    snprintf(command, sizeof command, "rm -r %s", (char *)*state);
-    const int left = system(command);
+    const int left = remove_tree(*state);
     free(*state);
     return left;
 }

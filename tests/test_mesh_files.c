@@ -1,5 +1,6 @@
 /* test_mesh_files.c: meshes from files and back, every bad file's message, damaged files. */
 #include "tests/close.h"
+#include "tests/folder.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -22,9 +23,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     folder *f = *state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -r %s", f->path);
-    const int left = system(command);
+    const int left = remove_tree(f->path);
     free(f);
     return left;
 }

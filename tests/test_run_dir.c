@@ -5,12 +5,12 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <math.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "autograd/safetensors.h"
+#include "tests/folder.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
 
@@ -25,16 +25,10 @@ static int make_folder(void **state)
     return 0;
 }
 
-static int remove_one(const char *name, const struct stat *info, int kind, struct FTW *where)
-{
-    (void)info, (void)kind, (void)where;
-    return remove(name);
-}
-
 static int remove_folder(void **state)
 {
     (void)state;
-    return nftw(folder, remove_one, 8, FTW_DEPTH | FTW_PHYS);
+    return remove_tree(folder);
 }
 
 /* The text of a file in the run, in a buffer of the caller. */

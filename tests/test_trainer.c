@@ -1,6 +1,5 @@
 /* test_trainer.c: small trainings: the same bits stopped or not and on any number of threads; what
  * goes wrong stops with a message and loses nothing. */
-#include <ftw.h>
 #include <jansson.h>
 #include <omp.h>
 #include <sys/stat.h>
@@ -9,6 +8,7 @@
 
 #include "autograd/random.h"
 #include "tests/close.h"
+#include "tests/folder.h"
 #include "tests/same_arrays.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
@@ -24,16 +24,10 @@ static int make_folder(void **state)
     return mkdtemp(folder) ? 0 : 1;
 }
 
-static int remove_one(const char *name, const struct stat *info, int kind, struct FTW *where)
-{
-    (void)info, (void)kind, (void)where;
-    return remove(name);
-}
-
 static int remove_folder(void **state)
 {
     (void)state;
-    return nftw(folder, remove_one, 8, FTW_DEPTH | FTW_PHYS);
+    return remove_tree(folder);
 }
 
 /* ---- a small training ---- */
