@@ -105,7 +105,6 @@ void lf_tape_free(lf_tape *tape);
 void lf_tape_reset(lf_tape *tape);
 /* Without gradients (evaluation) no op records a node and no tensor has a grad. Default: with. */
 void lf_tape_set_grad(lf_tape *tape, bool on);
-bool lf_tape_grad(const lf_tape *tape);
 /* Name the first op that produces a NaN or infinity, forward or backward: see lf_tape_nonfinite. */
 void lf_tape_set_check(lf_tape *tape, bool on);
 /* "forward of softmax" or so, or NULL if everything was finite since the last reset. */

@@ -96,11 +96,6 @@ void lf_tape_set_grad(lf_tape *tape, bool on)
     tape->grad = on;
 }
 
-bool lf_tape_grad(const lf_tape *tape)
-{
-    return tape->grad;
-}
-
 void lf_tape_set_check(lf_tape *tape, bool on)
 {
     tape->check = on;

@@ -300,11 +300,3 @@ unsigned lf_surface_any_hit8(const lf_surface *s, const double origin[3],
         bits |= (unsigned)(ray.tfar[k] < 0) << k;
     return bits;
 }
-
-void lf_surface_first_hit_all(const lf_surface *s, long n, const double (*origin)[3],
-                              const double (*direction)[3], lf_hit *out)
-{
-#pragma omp parallel for schedule(dynamic, 256)
-    for (long i = 0; i < n; i++)
-        lf_surface_first_hit(s, origin[i], direction[i], 0, INFINITY, &out[i]);
-}

@@ -63,13 +63,9 @@ unsigned lf_surface_any_hit8(const lf_surface *surface, const double origin[3],
 /* Closest point of the surface. */
 lf_closest lf_surface_closest(const lf_surface *surface, const double point[3]);
 
-/* The same for n points or rays, in parallel. */
-void lf_surface_closest_all(const lf_surface *surface, long n, const double (*point)[3],
-                            lf_closest *out);
+/* The distances of n points, in parallel. */
 void lf_surface_distance_all(const lf_surface *surface, long n, const double (*point)[3],
                              double *out);
-void lf_surface_first_hit_all(const lf_surface *surface, long n, const double (*origin)[3],
-                              const double (*direction)[3], lf_hit *out);
 
 #ifdef __cplusplus
 }

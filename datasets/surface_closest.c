@@ -104,15 +104,6 @@ lf_closest lf_surface_closest(const lf_surface *s, const double point[3])
     return q.found;
 }
 
-/* ---- many at once ------------------------------------------------------------------------- */
-
-void lf_surface_closest_all(const lf_surface *s, long n, const double (*point)[3], lf_closest *out)
-{
-#pragma omp parallel for schedule(dynamic, 256)
-    for (long i = 0; i < n; i++)
-        out[i] = lf_surface_closest(s, point[i]);
-}
-
 void lf_surface_distance_all(const lf_surface *s, long n, const double (*point)[3], double *out)
 {
 #pragma omp parallel for schedule(dynamic, 256)

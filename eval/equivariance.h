@@ -13,9 +13,11 @@ typedef struct lf_equivariance_options {
 } lf_equivariance_options;
 
 /* For views of the split's shapes in setting I and 512 points a shape, apply
- *   motion   g = (R, t) in SE(3), |t| up to 1000 box diagonals, to cameras and points, images
- * unchanged quarter  a roll of every view by a random multiple of 90 degrees, pixels turned exactly
+ *
+ *   motion   g = (R, t) in SE(3), |t| up to 1000 box diagonals, to cameras and points; same images
+ *   quarter  a roll of every view by a random multiple of 90 degrees, pixels turned exactly
  *   eighth   a roll of every view by 45 degrees more than that, rendered again
+ *
  * and print, for every layer and the output, the largest and mean difference from what the
  * transformation law says, relative to the layer's largest value. Images of 32k + 1 pixels keep the
  * first two at rounding; the third is the cost of pixels. */

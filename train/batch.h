@@ -21,10 +21,10 @@ void lf_batches_free(lf_batches *batches);
 long lf_batches_epoch(const lf_batches *batches);
 
 typedef struct lf_batch {
-    long images; /* shapes_per_step * 8 */
-    const lf_real *image;
-    lf_recon_points points;
-    const float *sdf;
+    long images;            /* shapes_per_step * 8 */
+    const lf_real *image;   /* [images, size, size, channels], premultiplied, 0 to 1 */
+    lf_recon_points points; /* shapes_per_step * points_per_shape, as the 8 views see them */
+    const float *sdf;       /* [points] true distances, unit: the box diagonal */
 } lf_batch;
 
 /* The batch of a step; its memory is the batches' and lasts until the next call. */
