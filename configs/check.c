@@ -127,6 +127,15 @@ int lf_config_warn(const lf_config *cfg, FILE *out)
                 warmup, steps);
         warnings++;
     }
+    const long save = lf_config_int(cfg, "train.checkpoint_every"),
+               validate = lf_config_int(cfg, "train.val_every");
+    if (lf_config_int(cfg, "data.val_shapes") > 0 && save % validate) {
+        fprintf(out,
+                "train.checkpoint_every = %ld is no multiple of train.val_every = %ld: only "
+                "checkpoints of steps that are validated can be kept as the best\n",
+                save, validate);
+        warnings++;
+    }
     if (lf_config_is(cfg, "data.light", "head")) {
         fprintf(out, "data.light = head: the faces of a box are equally bright from the cube's "
                      "corners, so its edges vanish\n");

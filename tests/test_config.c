@@ -293,10 +293,12 @@ static void test_warnings(void **state)
     lf_config_set(cfg, "data.image_size=64", NULL);
     lf_config_set(cfg, "train.steps=50", NULL);
     lf_config_set(cfg, "data.light=head", NULL);
-    assert_int_equal(lf_config_warn(cfg, out), 3);
+    lf_config_set(cfg, "train.val_every=300", NULL);
+    assert_int_equal(lf_config_warn(cfg, out), 4);
     fclose(out);
     assert_non_null(strstr(text, "data.image_size = 64: only sizes 16 k + 1 keep"));
     assert_non_null(strstr(text, "train.warmup = 100: "));
+    assert_non_null(strstr(text, "train.checkpoint_every = 500 is no multiple of "));
     free(text);
     lf_config_free(cfg);
 }
