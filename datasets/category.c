@@ -233,7 +233,8 @@ lf_status lf_category_open(const char *root, const char *category, const char *s
                        split);
     if (snprintf(folder, sizeof folder, "%s/%s", root, category) >= PATH_MAX || !is_folder(folder))
         return lf_fail(err, LF_BAD_INPUT,
-                       "%s/%s: there is no such folder; a category is a folder under the data root",
+                       "%s/%s: there is no such folder; a category is a folder under data.root; "
+                       "data.root = builtin has procedural shapes",
                        root, category);
     lf_category *c = calloc(1, sizeof *c);
     LF_REQUIRE(c, "no memory");

@@ -234,9 +234,10 @@ static lf_status update(trainer *t, double loss, double lr, double *norm, lf_err
     return lf_fail(
         err, LF_FAILED,
         "%ld steps in a row gave a loss or gradient that is not finite, the last at step "
-        "%ld; the last good checkpoint is kept in %s. Lower train.lr (now %g) or set "
-        "train.clip; --check-finite names the op",
-        most, t->state.step + 1, t->options->out, lf_config_real(t->cfg, "train.lr"));
+        "%ld; %s %s. Lower train.lr (now %g) or set train.clip; --check-finite names the op",
+        most, t->state.step + 1,
+        t->saved >= 0 ? "the last good checkpoint is kept in" : "no checkpoint was saved yet in",
+        t->options->out, lf_config_real(t->cfg, "train.lr"));
 }
 
 static void validate(trainer *t)
