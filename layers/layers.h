@@ -7,7 +7,7 @@
  * frame of the points. Ray features at a point are [Q, V, ..]: Q points, V views.
  *
  * Equivariance: with g = (R, t) applied to cameras and points, directions turn by R; scalars stay
- * and vectors turn by R, exactly (tests/layer_table.c).
+ * and vectors turn by R, exactly (tests/test_equivariance.c).
  */
 #ifndef LF_LAYERS_H
 #define LF_LAYERS_H
