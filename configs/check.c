@@ -129,9 +129,9 @@ int lf_config_warn(const lf_config *cfg, FILE *out)
     }
     const long save = lf_config_int(cfg, "train.checkpoint_every"),
                validate = lf_config_int(cfg, "train.val_every");
-    if (lf_config_int(cfg, "data.val_shapes") > 0 && save % validate) {
+    if (lf_config_int(cfg, "data.val_shapes") > 0 && save % validate && validate % save) {
         fprintf(out,
-                "train.checkpoint_every = %ld is no multiple of train.val_every = %ld: only "
+                "train.checkpoint_every = %ld does not go with train.val_every = %ld: only "
                 "checkpoints of steps that are validated can be kept as the best\n",
                 save, validate);
         warnings++;

@@ -298,7 +298,7 @@ static void test_warnings(void **state)
     fclose(out);
     assert_non_null(strstr(text, "data.image_size = 64: only sizes 16 k + 1 keep"));
     assert_non_null(strstr(text, "train.warmup = 100: "));
-    assert_non_null(strstr(text, "train.checkpoint_every = 500 is no multiple of "));
+    assert_non_null(strstr(text, "train.checkpoint_every = 500 does not go with "));
     free(text);
     lf_config_free(cfg);
 }
