@@ -6,6 +6,9 @@
  */
 #include <stdalign.h>
 #include "autograd/autograd.h"
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 enum {
     ALIGNMENT = 64,
@@ -83,6 +86,9 @@ void lf_tape_reset(lf_tape *tape)
     const size_t total = tape->blocks ? tape->older + tape->blocks->size : 0;
     if (tape->blocks && (tape->blocks->next || total < tape->peak)) {
         free_blocks(tape);
+#ifdef __GLIBC__
+        malloc_trim(0); /* it would keep what was freed beside the new block */
+#endif
         tape->blocks = block_create(total > tape->peak ? total : tape->peak);
     }
     tape->used = tape->older = 0;
