@@ -219,7 +219,7 @@ static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o
              .report = {.experiment = "reconstruction",
                         .model = lf_config_choice(cfg, "model.type"),
                         .category = lf_config_string(cfg, "data.category"),
-                        .train_setting = lf_config_choice(cfg, "data.setting"),
+                        .train_setting = lf_setting_name(loaded->trained),
                         .eval_setting = setting,
                         .split = o->split,
                         .metric = metric_options(cfg, o->exact)}};

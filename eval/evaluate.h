@@ -14,7 +14,8 @@ typedef struct lf_loaded {
     lf_store *store;
     lf_recon model;
     lf_recon_work *work;
-    lf_real *image; /* of the last encode */
+    lf_real *image;     /* of the last encode */
+    lf_setting trained; /* the setting of the training, whatever the overrides say */
     long step;
 } lf_loaded;
 
