@@ -1,0 +1,147 @@
+/* light_field.h: features at points along a target ray, seen as points of that ray: the layers of
+ * neural rendering.                               [method.md 1.5, 1.6, 2.1 - 2.4, 2.8, 5b.2 - 5b.5]
+ *
+ * A field has types omega: the list always starts with 0 (scalars), the others are pairs that turn
+ * by Rot(omega gamma) when the frame of their ray turns by gamma about it. C channels of each. A
+ * feature of one point is a row of R = P C numbers, P = 2 count - 1 planes of C channels each:
+ *
+ *   [ scalars C | re C, im C of omega_1 | re C, im C of omega_2 | .. ]
+ *
+ * so that the real part of type k >= 1 is plane 2 k - 1, its imaginary part plane 2 k, and all
+ * inner loops run over channels. Numbers that do not turn (gates, profiles, norms, gains) are [..,
+ * count C], one block of C a type.
+ *
+ * Sizes: N rays (target rays), S samples a ray, V source views. Geometry is made in double, without
+ * gradient; it becomes lf_real only as a feature. Ops run on the calling thread.
+ */
+#ifndef LF_LAYERS_LIGHT_FIELD_H
+#define LF_LAYERS_LIGHT_FIELD_H
+
+#include "layers/layers.h"
+
+enum { LF_TYPES_MAX = 9, LF_OMEGA_MAX = 1024, LF_PLANES_MAX = 2 * LF_TYPES_MAX - 1 };
+
+typedef struct lf_types {
+    int count; /* 1 .. LF_TYPES_MAX */
+    int omega[LF_TYPES_MAX];
+} lf_types;
+
+/* The list is well formed: omega[0] = 0, then ascending, at most LF_OMEGA_MAX. */
+bool lf_types_valid(const lf_types *types);
+static inline long lf_types_planes(const lf_types *types)
+{
+    return 2L * types->count - 1;
+}
+
+/* ---- geometry ------------------------------------------------------------------------------- */
+
+/* What the layers know about how V source cameras look at S points of each of N target rays. */
+typedef struct lf_light_geometry {
+    long rays, samples, views;
+    lf_types types;
+    const lf_tensor *phase; /* [N, V, P]: 1 for the scalars, fade cos(omega alpha), fade sin */
+    const lf_tensor *angle; /* [N, S, V, 3]: 4 sin theta - 1, 10 (1 - cos theta), cos theta */
+    const lf_tensor *mask;  /* [N, S, V]: 1 = the view sees the point */
+    const lf_tensor *depth; /* [N, S]: (depth - near) / (far - near) */
+} lf_light_geometry;
+
+typedef struct lf_light_rays {
+    long rays, samples, views;
+    const double *origin, *direction; /* [N, 3]; unit, from the camera into the scene */
+    const double *depth;              /* [N, S], along the unit direction */
+    const double *centre;             /* [V, 3] of the source cameras */
+    const uint8_t *seen;              /* [N, S, V] */
+    double near, far;                 /* far > near */
+} lf_light_rays;
+
+/* (x, y) -> phases of all types [P]: z = (x + i y) / r, r = |(x, y)|, z^omega by repeated squaring,
+ * times fade = r^2 / (r^2 + epsilon^2); zeros for omega > 0 where r = 0.           [method.md 4.1]
+ */
+void lf_harmonics(const lf_types *types, double x, double y, double epsilon, double *phase);
+
+/* All of it for a set of rays; epsilon = 1e-4 (far - near). A point at a source camera's centre
+ * (within 1e-9 (far - near)) is masked there.                                     [method.md 5b.2]
+ */
+lf_light_geometry lf_light_geometry_make(lf_tape *tape, const lf_types *types,
+                                         const lf_light_rays *rays);
+
+/* ---- maps within a type --------------------------------------------------------------------- */
+
+/* Complex-linear map: x [.., P Ci], w [P, Ci, Co] -> [.., P Co]. Plane 0 of w is the real matrix of
+ * the scalars, planes 2k - 1 and 2k are A and B of type k: y = (A + i B) x. b [Co] is added to the
+ * scalars; NULL: none. */
+lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *w,
+                         lf_tensor *b);
+
+typedef struct lf_so2_map {
+    const lf_parameter *weight; /* [P, Ci, Co] */
+    const lf_parameter *bias;   /* [Co] or NULL */
+} lf_so2_map;
+/* Normal weights of variance 1 / (3 Ci) for scalars, half of that for A and B; bias 0. */
+void lf_so2_map_init(lf_store *store, lf_so2_map *layer, const char *prefix, const lf_types *types,
+                     long in, long out, bool bias);
+lf_tensor *lf_so2_map_apply(lf_tape *tape, const lf_so2_map *layer, const lf_types *types,
+                            lf_tensor *x);
+
+/* Channels of a field to the left and to the right: a [.., P Ca], b [.., P Cb] -> [.., P (Ca +
+ * Cb)].
+ */
+lf_tensor *lf_so2_concat(lf_tape *tape, const lf_types *types, lf_tensor *a, lf_tensor *b);
+
+/* ---- nonlinearities, all on invariants --------------------------------------------------------
+ */
+
+/* Scalars as they are, and norms sqrt(|z|^2 + 1e-12): [.., P C] -> [.., count C]. */
+lf_tensor *lf_so2_invariants(lf_tape *tape, const lf_types *types, lf_tensor *x);
+
+/* y0 = x0 + ELU(h0), y_k = sigmoid(h_k) x_k: x [.., P C], h [.., count C].        [method.md 2.9]
+ */
+lf_tensor *lf_so2_gate(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *h);
+
+/* y0 = ReLU(x0 + beta_0), y_k = x_k ReLU(n + beta_k) / n, n = sqrt(|x_k|^2 + 1e-8); beta [count C].
+ */
+lf_tensor *lf_so2_norm_relu(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *beta);
+
+/* y = gain x / sqrt(mean of x^2 over the row + 1e-4); gain [count C]. */
+lf_tensor *lf_so2_layer_norm(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *gain);
+
+/* Gated nonlinearity whose gates are a linear map of the invariants. */
+typedef struct lf_so2_gated {
+    lf_linear_layer gate; /* [count C] -> [count C] */
+} lf_so2_gated;
+void lf_so2_gated_init(lf_store *store, lf_so2_gated *layer, const char *prefix,
+                       const lf_types *types, long channels);
+lf_tensor *lf_so2_gated_apply(lf_tape *tape, const lf_so2_gated *layer, const lf_types *types,
+                              lf_tensor *x);
+
+/* ---- rays to rays -----------------------------------------------------------------------------
+ */
+
+/* Scalar ray features f_v, mapped to all types, turned to the target ray's frame:
+ *   k_v = (1 + a_k) z_v^omega m_v per type,   zeros where the view does not see the point
+ * m [N, S, V, P C] = W f: a real map of scalars gives any complex number; a [N, S, V, count C]: the
+ * profile over the angle, as its difference from 1. -> [N, S, V, P C]          [method.md 2.3,
+ * 5b.4]
+ */
+lf_tensor *lf_ray_ray_values(lf_tape *tape, lf_tensor *m, lf_tensor *a,
+                             const lf_light_geometry *rays);
+/* Their mean over the views that see the point -> [N, S, P C]; zeros where none does.       [5b.3]
+ */
+lf_tensor *lf_ray_ray_mean(lf_tape *tape, lf_tensor *m, lf_tensor *a,
+                           const lf_light_geometry *rays);
+
+/* Ray -> ray convolution, output regular in translation, support d0 = 0. The profile is an MLP of
+ * the angles, 3 -> hidden -> count C. The bias of the map is a scalar feature that is 1. */
+typedef struct lf_ray_ray_convolution {
+    lf_linear_layer map; /* [F, P C] */
+    lf_mlp profile;
+} lf_ray_ray_convolution;
+void lf_ray_ray_convolution_init(lf_store *store, lf_ray_ray_convolution *layer, const char *prefix,
+                                 const lf_types *types, long in, long channels, long hidden);
+/* f [N, S, V, F] -> the mean [N, S, P C], and one value a view [N, S, V, P C]. */
+lf_tensor *lf_ray_ray_convolution_apply(lf_tape *tape, const lf_ray_ray_convolution *layer,
+                                        lf_tensor *f, const lf_light_geometry *rays);
+lf_tensor *lf_ray_ray_convolution_views(lf_tape *tape, const lf_ray_ray_convolution *layer,
+                                        lf_tensor *f, const lf_light_geometry *rays);
+
+#endif

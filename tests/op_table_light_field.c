@@ -1,0 +1,160 @@
+/* op_table_light_field.c: a row for every op and layer of layers/light_field.h. */
+#include "autograd/random.h"
+#include "layers/light_field.h"
+#include "tests/gradcheck.h"
+
+enum { N = 2, S = 4, V = 3, C = 2, T = 3, P = 5, F = 4 };
+static const lf_types types = {T, {0, 2, 5}};
+
+/* Two rays and three cameras; the second ray's first point is seen by none, its second by one. */
+static lf_light_geometry geometry(lf_tape *tape)
+{
+    double origin[3 * N], direction[3 * N], depth[N * S], centre[3 * V];
+    uint8_t seen[N * S * V];
+    lf_stream r = lf_stream_at(5, LF_RANDOM_TEST, 11, 0);
+    for (int i = 0; i < N; i++) {
+        double size = 0;
+        for (int a = 0; a < 3; a++) {
+            origin[3 * i + a] = lf_normal(&r);
+            direction[3 * i + a] = lf_normal(&r);
+            size += direction[3 * i + a] * direction[3 * i + a];
+        }
+        for (int a = 0; a < 3; a++)
+            direction[3 * i + a] /= sqrt(size);
+        for (int s = 0; s < S; s++)
+            depth[i * S + s] = 1 + s + 0.8 * lf_uniform(&r);
+    }
+    for (int i = 0; i < 3 * V; i++)
+        centre[i] = 2 * lf_normal(&r);
+    for (int i = 0; i < N * S * V; i++)
+        seen[i] = i % 5 != 1;
+    for (int v = 0; v < V; v++) {
+        seen[S * V + v] = 0;
+        seen[(S + 1) * V + v] = v == 1;
+    }
+    const lf_light_rays rays = {N, S, V, origin, direction, depth, centre, seen, 1, 5};
+    return lf_light_geometry_make(tape, &types, &rays);
+}
+
+/* A layer's struct holds only pointers into the store: it is kept there as an untrainable array of
+ * bytes between the builds of a case. True at the first build, which makes the layer. */
+static bool first_build(lf_store *store, void *layer, size_t size)
+{
+    if (lf_store_count(store) == 0)
+        return true;
+    memcpy(layer, lf_values(lf_store_find(store, "test.layer")), size);
+    return false;
+}
+
+static void keep(lf_store *store, const void *layer, size_t size)
+{
+    const long n = (long)(size / sizeof(lf_real) + 1);
+    memcpy(lf_values(lf_store_add(store, "test.layer", 1, &n, 0, 0, false)), layer, size);
+}
+
+static int linear(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_so2_linear(tape, &types, in[0], in[1], in[2]);
+    out[1] = lf_so2_linear(tape, &types, in[0], in[1], NULL);
+    return 2;
+}
+
+static int concat(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_so2_concat(tape, &types, in[0], in[1]);
+    return 1;
+}
+
+static int invariants(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_so2_invariants(tape, &types, in[0]);
+    return 1;
+}
+
+static int gate(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_so2_gate(tape, &types, in[0], in[1]);
+    return 1;
+}
+
+static int norm_relu(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_so2_norm_relu(tape, &types, in[0], in[1]);
+    return 1;
+}
+
+static int layer_norm(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_so2_layer_norm(tape, &types, in[0], in[1]);
+    return 1;
+}
+
+typedef struct nonlinear_layers {
+    lf_so2_map map;
+    lf_so2_gated gated;
+} nonlinear_layers;
+
+static int map_and_gate(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    nonlinear_layers l;
+    if (first_build(store, &l, sizeof l)) {
+        lf_so2_map_init(store, &l.map, "map", &types, C, 3, true);
+        lf_so2_gated_init(store, &l.gated, "gated", &types, 3);
+        keep(store, &l, sizeof l);
+    }
+    lf_tensor *y = lf_so2_map_apply(tape, &l.map, &types, in[0]);
+    out[0] = lf_so2_gated_apply(tape, &l.gated, &types, y);
+    return 1;
+}
+
+static int ray_ray(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    const lf_light_geometry g = geometry(tape);
+    out[0] = lf_ray_ray_values(tape, in[0], in[1], &g);
+    out[1] = lf_ray_ray_mean(tape, in[0], in[1], &g);
+    return 2;
+}
+
+static int convolution(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    lf_ray_ray_convolution l;
+    if (first_build(store, &l, sizeof l)) {
+        lf_ray_ray_convolution_init(store, &l, "conv", &types, F, C, 5);
+        keep(store, &l, sizeof l);
+    }
+    out[0] = lf_ray_ray_convolution_apply(tape, &l, in[0], &g);
+    out[1] = lf_ray_ray_convolution_views(tape, &l, in[0], &g);
+    return 2;
+}
+
+#define X(...)                                                                                     \
+    {                                                                                              \
+        .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = { __VA_ARGS__ }               \
+    }
+#define FILLED(kind, ...)                                                                          \
+    {                                                                                              \
+        .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}, .fill = (kind) \
+    }
+
+const op_case light_field_cases[] = {
+    {"so2_linear", linear, {X(6, P *C), X(P, C, 3), X(3)}, 3, 0},
+    {"so2_concat", concat, {X(6, P *C), X(6, P * 3)}, 2, 0},
+    {"so2_invariants", invariants, {X(6, P *C)}, 1, 0},
+    {"so2_invariants: zeros", invariants, {FILLED(FILL_ZERO, 2, P *C)}, 1, 0},
+    {"so2_gate", gate, {X(6, P *C), X(6, T *C)}, 2, 0},
+    {"so2_norm_relu", norm_relu, {X(6, P *C), X(T *C)}, 2, 0},
+    {"so2_layer_norm", layer_norm, {X(6, P *C), X(T *C)}, 2, 0},
+    {"so2_layer_norm: zeros", layer_norm, {FILLED(FILL_ZERO, 2, P *C), X(T *C)}, 2, 0},
+    {"so2 map, gated", map_and_gate, {X(6, P *C)}, 1, 0},
+    {"ray_ray: values, mean", ray_ray, {X(N, S, V, P *C), X(N, S, V, T *C)}, 2, 0},
+    {"ray_ray_convolution", convolution, {X(N, S, V, F)}, 1, 0},
+};
+const int light_field_case_count = sizeof light_field_cases / sizeof *light_field_cases;

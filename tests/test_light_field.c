@@ -1,0 +1,359 @@
+/* test_light_field.c: the layers along a target ray under motions of the frame, and at the places
+ * where an angle or a view is missing.                 [method.md 2.1 - 2.4, 2.8, 4.1, 4.4, 5b, 10]
+ */
+#include "autograd/random.h"
+#include "layers/light_field.h"
+#include "layers/ray_frame.h"
+#include "tests/close.h"
+
+enum { N = 5, S = 6, V = 4, C = 4, F = 7, T = 9, P = 2 * T - 1, MOTIONS = 100 };
+#define EXACT (sizeof(lf_real) == 8) /* the double build */
+static const lf_types types = {T, {0, 1, 2, 4, 8, 16, 32, 64, 128}};
+
+static double layer_tolerance(void)
+{
+    return EXACT ? 1e-9 : 2e-5;
+}
+
+/* ---- a scene of radius 1 ---- */
+
+typedef struct scene {
+    double origin[N * 3], direction[N * 3], depth[N * S], centre[V * 3];
+    uint8_t seen[N * S * V];
+    lf_real feature[N * S * V * F];
+} scene;
+
+static void unit_vector(lf_stream *r, double v[3])
+{
+    double size = 0;
+    for (int a = 0; a < 3; a++)
+        v[a] = lf_normal(r);
+    for (int a = 0; a < 3; a++)
+        size += v[a] * v[a];
+    for (int a = 0; a < 3; a++)
+        v[a] /= sqrt(size);
+}
+
+/* Rays from 3 away to near the origin, cameras about as far, a fifth of the pairs unseen. */
+static scene make_scene(void)
+{
+    scene s;
+    lf_stream r = lf_stream_at(3, LF_RANDOM_TEST, 20, 0);
+    for (int i = 0; i < N; i++) {
+        double size = 0;
+        unit_vector(&r, s.origin + 3 * i);
+        for (int a = 0; a < 3; a++) {
+            s.origin[3 * i + a] *= 3;
+            s.direction[3 * i + a] = 0.6 * (lf_uniform(&r) - 0.5) - s.origin[3 * i + a];
+            size += s.direction[3 * i + a] * s.direction[3 * i + a];
+        }
+        for (int a = 0; a < 3; a++)
+            s.direction[3 * i + a] /= sqrt(size);
+        for (int k = 0; k < S; k++)
+            s.depth[i * S + k] = 2 + 2 * (k + lf_uniform(&r)) / S;
+    }
+    for (int v = 0; v < V; v++) {
+        unit_vector(&r, s.centre + 3 * v);
+        for (int a = 0; a < 3; a++)
+            s.centre[3 * v + a] *= 3;
+    }
+    for (int i = 0; i < N * S * V; i++)
+        s.seen[i] = lf_uniform(&r) < 0.8;
+    for (int i = 0; i < N * S * V * F; i++)
+        s.feature[i] = (lf_real)lf_normal(&r);
+    return s;
+}
+
+static lf_light_rays rays_of(const scene *s)
+{
+    return (lf_light_rays){N, S, V, s->origin, s->direction, s->depth, s->centre, s->seen, 2, 4};
+}
+
+/* A rotation drawn uniformly and a translation of a length up to `reach`. */
+static lf_frame random_motion(uint64_t item, double reach)
+{
+    lf_stream r = lf_stream_at(1, LF_RANDOM_GROUP, item, 20);
+    double d[3];
+    unit_vector(&r, d);
+    const double angle = 6.283185307179586 * lf_uniform(&r);
+    const lf_twist turn = {cos(angle), sin(angle), 0};
+    lf_frame g = {.origin = {0, 0, 0}}, about = lf_twist_frame(&turn);
+    lf_ray_axes(d, g.rotation);
+    g = lf_frame_compose(&g, &about);
+    unit_vector(&r, d);
+    const double length = reach * lf_uniform(&r);
+    for (int a = 0; a < 3; a++)
+        g.origin[a] = length * d[a];
+    return g;
+}
+
+static scene moved(const scene *s, const lf_frame *g)
+{
+    scene m = *s;
+    lf_frame turn = *g;
+    memset(turn.origin, 0, sizeof turn.origin);
+    for (int i = 0; i < N; i++) {
+        lf_frame_apply(g, s->origin + 3 * i, m.origin + 3 * i);
+        lf_frame_apply(&turn, s->direction + 3 * i, m.direction + 3 * i);
+    }
+    for (int v = 0; v < V; v++)
+        lf_frame_apply(g, s->centre + 3 * v, m.centre + 3 * v);
+    return m;
+}
+
+/* ---- the layers, one after the other ---- */
+
+enum stage { VALUES, MEAN, MAP, GATED, NORM, LAYER_NORM, STAGES };
+
+typedef struct net {
+    lf_store *store;
+    lf_tape *tape;
+    lf_ray_ray_convolution convolution;
+    lf_so2_map map;
+    lf_so2_gated gated;
+    const lf_parameter *beta, *gain;
+} net;
+
+static net open_net(void)
+{
+    net n = {.store = lf_store_create(7), .tape = lf_tape_create()};
+    lf_ray_ray_convolution_init(n.store, &n.convolution, "convolution", &types, F, C, 16);
+    lf_so2_map_init(n.store, &n.map, "map", &types, C, C, true);
+    lf_so2_gated_init(n.store, &n.gated, "gated", &types, C);
+    n.beta = lf_store_add(n.store, "beta", 1, LF_DIMS(T * C), 0, 0.3, true);
+    n.gain = lf_store_add(n.store, "gain", 1, LF_DIMS(T * C), 1, 0.3, true);
+    lf_stream r = lf_stream_at(7, LF_RANDOM_TEST, 21, 0); /* biases that are not 0 */
+    for (int i = 0; i < lf_store_count(n.store); i++) {
+        const lf_parameter *p = lf_store_at(n.store, i);
+        for (long k = 0; p->rank == 1 && k < p->size; k++)
+            lf_values(p)[k] += (lf_real)(0.3 * lf_normal(&r));
+    }
+    return n;
+}
+
+static void close_net(net *n)
+{
+    lf_tape_free(n->tape);
+    lf_store_free(n->store);
+}
+
+/* Fields of all stages, on the tape of the net. */
+static void run(net *n, lf_tape *tape, const scene *s, lf_tensor **field)
+{
+    const lf_light_rays in = rays_of(s);
+    const lf_light_geometry g = lf_light_geometry_make(tape, &types, &in);
+    lf_tensor *f = lf_leaf(tape, 4, LF_DIMS(N, S, V, F), (lf_real *)(uintptr_t)s->feature, NULL);
+    field[VALUES] = lf_ray_ray_convolution_views(tape, &n->convolution, f, &g);
+    field[MEAN] = lf_ray_ray_convolution_apply(tape, &n->convolution, f, &g);
+    field[MAP] = lf_so2_map_apply(tape, &n->map, &types, field[MEAN]);
+    field[GATED] = lf_so2_gated_apply(tape, &n->gated, &types, field[MAP]);
+    field[NORM] = lf_so2_norm_relu(tape, &types, field[MAP], lf_param(tape, n->beta));
+    field[LAYER_NORM] = lf_so2_layer_norm(tape, &types, field[MAP], lf_param(tape, n->gain));
+}
+
+/* The largest |after - Rot(omega gamma) before| of each type over the field's largest number. */
+static void add_errors(const lf_tensor *after, const lf_tensor *before, const scene *s,
+                       const lf_frame *g, double error[T])
+{
+    double size = 0;
+    for (long i = 0; i < before->size; i++)
+        size = larger(fabs((double)before->value[i]), size);
+    const long rows = lf_rows(before), c = lf_cols(before) / P;
+    for (long r = 0; r < rows; r++) {
+        const long ray = r / (rows / N);
+        const lf_ray x = lf_ray_through(s->origin + 3 * ray, s->direction + 3 * ray);
+        const lf_twist h = lf_ray_twist(g, &x);
+        double z[P];
+        lf_harmonics(&types, h.cosine, h.sine, 0, z);
+        for (long k = 0; k < T; k++)
+            for (long i = 0; i < c; i++) {
+                const long re = (r * P + (k ? 2 * k - 1 : 0)) * c + i, im = k ? re + c : re;
+                const double cosine = k ? z[2 * k - 1] : 1, sine = k ? z[2 * k] : 0;
+                const double x0 = (double)before->value[re], x1 = (double)before->value[im];
+                const double e0 = (double)after->value[re] - (cosine * x0 - sine * x1);
+                const double e1 = (double)after->value[im] - (sine * x0 + cosine * x1);
+                error[k] = larger(larger(fabs(e0), fabs(e1)) / size, error[k]);
+            }
+    }
+}
+
+/* Translations up to 1000 scene radii. */
+static void fields_turn_with_the_frame(void **state)
+{
+    (void)state;
+    const scene s = make_scene();
+    net n = open_net();
+    lf_tape *other = lf_tape_create();
+    lf_tensor *before[STAGES], *after[STAGES];
+    double error[STAGES][T] = {{0}};
+    run(&n, n.tape, &s, before);
+    for (int i = 0; i < MOTIONS; i++) {
+        const lf_frame g = random_motion((uint64_t)i, i % 2 ? 1000 : 3);
+        const scene m = moved(&s, &g);
+        lf_tape_reset(other);
+        run(&n, other, &m, after);
+        for (int k = 0; k < STAGES; k++)
+            add_errors(after[k], before[k], &s, &g, error[k]);
+    }
+    for (int k = 0; k < STAGES; k++)
+        for (int t = 0; t < T; t++)
+            if (!(error[k][t] <= layer_tolerance()))
+                fail_msg("stage %d, type %d: error %.3g, must be <= %.3g", k, types.omega[t],
+                         error[k][t], layer_tolerance());
+    lf_tape_free(other);
+    close_net(&n);
+}
+
+/* ---- phases and angles ---- */
+
+static void phases_are_powers(void **state)
+{
+    (void)state;
+    const lf_types list = {5, {0, 1, 3, 100, 1000}};
+    double z[LF_PLANES_MAX];
+    for (int i = 0; i < 100; i++) {
+        const double alpha = 0.063 * i - 3.14, r = pow(10, i % 7 - 3);
+        lf_harmonics(&list, r * cos(alpha), r * sin(alpha), 0, z);
+        assert_true(z[0] == 1);
+        for (int k = 1; k < list.count; k++) {
+            assert_close(z[2 * k - 1], cos(list.omega[k] * alpha), 0, 3e-13);
+            assert_close(z[2 * k], sin(list.omega[k] * alpha), 0, 3e-13);
+        }
+    }
+}
+
+static void phases_fade_on_the_axis(void **state)
+{
+    (void)state;
+    double z[LF_PLANES_MAX];
+    lf_harmonics(&types, 0, 0, 1e-4, z);
+    assert_true(z[0] == 1);
+    for (int p = 1; p < P; p++)
+        assert_true(z[p] == 0);
+    lf_harmonics(&types, 1e-4, 0, 1e-4, z); /* at a distance of epsilon: half */
+    for (int k = 1; k < T; k++)
+        assert_close(z[2 * k - 1], 0.5, 0, 1e-12);
+    lf_harmonics(&types, 1e-180, 1e-180, 1e-4, z); /* its square underflows */
+    for (int p = 1; p < P; p++)
+        assert_true(isfinite(z[p]) && fabs(z[p]) < 1e-300);
+}
+
+/* omega = 128 and a ray that the camera sees at an angle of 1e-7: the offset keeps the azimuth. */
+static void nearly_parallel_rays(void **state)
+{
+    (void)state;
+    double z[LF_PLANES_MAX];
+    const double alpha = 0.7;
+    lf_harmonics(&types, 1e-7 * cos(alpha), 1e-7 * sin(alpha), 0, z);
+    assert_close(z[P - 2], cos(128 * alpha), 0, 1e-12);
+    assert_close(z[P - 1], sin(128 * alpha), 0, 1e-12);
+}
+
+static void lists_of_types(void **state)
+{
+    (void)state;
+    assert_true(lf_types_valid(&types));
+    assert_true(lf_types_valid(&(lf_types){1, {0}}));
+    assert_false(lf_types_valid(&(lf_types){0, {0}}));
+    assert_false(lf_types_valid(&(lf_types){2, {1, 2}}));
+    assert_false(lf_types_valid(&(lf_types){3, {0, 4, 4}}));
+    assert_false(lf_types_valid(&(lf_types){2, {0, LF_OMEGA_MAX + 1}}));
+    assert_false(lf_types_valid(&(lf_types){LF_TYPES_MAX + 1, {0, 1, 2, 3, 4, 5, 6, 7, 8}}));
+}
+
+/* Angles from depths against angles from vectors. */
+static void angles_are_those_of_the_vectors(void **state)
+{
+    (void)state;
+    const scene s = make_scene();
+    lf_tape *tape = lf_tape_create();
+    const lf_light_rays in = rays_of(&s);
+    const lf_light_geometry g = lf_light_geometry_make(tape, &types, &in);
+    for (long i = 0; i < N * S * V; i++) {
+        const long ray = i / V / S, v = i % V;
+        double along = 0, size = 0;
+        for (int a = 0; a < 3; a++) {
+            const double d = s.direction[3 * ray + a];
+            const double w = s.origin[3 * ray + a] + s.depth[i / V] * d - s.centre[3 * v + a];
+            along += w * d;
+            size += w * w;
+        }
+        const double cosine = along / sqrt(size), tolerance = EXACT ? 1e-13 : 1e-5;
+        assert_close(g.angle->value[3 * i], 4 * sqrt(1 - cosine * cosine) - 1, 0, tolerance);
+        assert_close(g.angle->value[3 * i + 1], 10 * (1 - cosine), 0, tolerance);
+        assert_close(g.angle->value[3 * i + 2], cosine, 0, tolerance);
+        assert_true(g.mask->value[i] == s.seen[i]);
+    }
+    lf_tape_free(tape);
+}
+
+/* ---- missing views and angles ---- */
+
+/* Camera 0 on ray 0, at its third sample; camera 1 at the origin of ray 1, the target's own. */
+static scene degenerate_scene(void)
+{
+    scene s = make_scene();
+    memset(s.seen, 1, sizeof s.seen);
+    for (int a = 0; a < 3; a++)
+        s.centre[a] = s.origin[a] + s.depth[2] * s.direction[a];
+    memcpy(s.centre + 3, s.origin + 3, 3 * sizeof(double));
+    return s;
+}
+
+static void cameras_on_the_ray(void **state)
+{
+    (void)state;
+    const scene s = degenerate_scene();
+    net n = open_net();
+    lf_tensor *field[STAGES];
+    run(&n, n.tape, &s, field);
+    const lf_light_rays in = rays_of(&s);
+    const lf_light_geometry g = lf_light_geometry_make(n.tape, &types, &in);
+    for (int k = 0; k < S; k++)
+        assert_true(g.mask->value[k * V] == (k != 2)); /* at the camera: no direction */
+    for (int p = 1; p < P; p++) {
+        assert_true(fabs((double)g.phase->value[p]) < 1e-6);               /* ray 0, camera 0 */
+        assert_true(fabs((double)g.phase->value[(V + 1) * P + p]) < 1e-6); /* ray 1, camera 1 */
+    }
+    for (int k = 0; k < STAGES; k++)
+        for (long i = 0; i < field[k]->size; i++)
+            assert_true(isfinite(field[k]->value[i]));
+    close_net(&n);
+}
+
+/* With every view masked all fields of the convolution are 0; what a masked view holds never
+ * counts. */
+static void masked_views_do_not_count(void **state)
+{
+    (void)state;
+    scene s = make_scene();
+    memset(s.seen, 0, S * V); /* ray 0 */
+    net n = open_net();
+    lf_tensor *before[STAGES], *after[STAGES];
+    run(&n, n.tape, &s, before);
+    for (long i = 0; i < S * P * C; i++)
+        assert_true(before[MEAN]->value[i] == 0);
+    for (long i = 0; i < N * S * V; i++)
+        for (int k = 0; k < F && !s.seen[i]; k++)
+            s.feature[i * F + k] += 1000;
+    run(&n, n.tape, &s, after);
+    for (int k = MEAN; k < STAGES; k++)
+        assert_memory_equal(after[k]->value, before[k]->value,
+                            (size_t)after[k]->size * sizeof(lf_real));
+    close_net(&n);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(fields_turn_with_the_frame),
+        cmocka_unit_test(phases_are_powers),
+        cmocka_unit_test(phases_fade_on_the_axis),
+        cmocka_unit_test(nearly_parallel_rays),
+        cmocka_unit_test(lists_of_types),
+        cmocka_unit_test(angles_are_those_of_the_vectors),
+        cmocka_unit_test(cameras_on_the_ray),
+        cmocka_unit_test(masked_views_do_not_count),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
