@@ -144,4 +144,20 @@ lf_tensor *lf_ray_ray_convolution_apply(lf_tape *tape, const lf_ray_ray_convolut
 lf_tensor *lf_ray_ray_convolution_views(lf_tape *tape, const lf_ray_ray_convolution *layer,
                                         lf_tensor *f, const lf_light_geometry *rays);
 
+/* ---- volume rendering -------------------------------------------------------------------------
+ */
+
+typedef struct lf_rendered {
+    lf_tensor *colour; /* [N, 3] */
+    lf_tensor *weight; /* [N, S]: the share of each sample; their sum is the opacity */
+    lf_tensor *depth;  /* [N]: sum of weights times depths */
+} lf_rendered;
+
+/* Densities sigma [N, S] >= 0 (per sample: no interval lengths), colours [N, S, 3] and depths [N,
+ * S] in order along the ray. What is not covered is black, or white.              [method.md 4.9,
+ * 5b.1]
+ */
+lf_rendered lf_volume(lf_tape *tape, lf_tensor *sigma, lf_tensor *colour, const lf_tensor *depth,
+                      bool white);
+
 #endif

@@ -135,6 +135,35 @@ static int convolution(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
     return 2;
 }
 
+static int volume(lf_tape *tape, lf_tensor *const *in, lf_tensor **out, bool white)
+{
+    const lf_rendered r = lf_volume(tape, in[0], in[1], in[2], white);
+    out[0] = r.colour;
+    out[1] = r.weight;
+    out[2] = r.depth;
+    return 3;
+}
+
+static int volume_black(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    return volume(tape, in, out, false);
+}
+
+static int volume_white(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    return volume(tape, in, out, true);
+}
+
+/* An opaque sample in the middle of the first ray. */
+static int volume_opaque(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    in[0]->value[3] = 1000;
+    return volume(tape, in, out, false);
+}
+
 #define X(...)                                                                                     \
     {                                                                                              \
         .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = { __VA_ARGS__ }               \
@@ -142,6 +171,12 @@ static int convolution(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
 #define FILLED(kind, ...)                                                                          \
     {                                                                                              \
         .rank = sizeof((long[]){__VA_ARGS__}) / sizeof(long), .dim = {__VA_ARGS__}, .fill = (kind) \
+    }
+
+#define DENSITY FILLED(FILL_POSITIVE, 2, 6)
+#define DEPTHS                                                                                     \
+    {                                                                                              \
+        .rank = 2, .dim = {2, 6}, .fill = FILL_POSITIVE, .constant = true                          \
     }
 
 const op_case light_field_cases[] = {
@@ -156,5 +191,8 @@ const op_case light_field_cases[] = {
     {"so2 map, gated", map_and_gate, {X(6, P *C)}, 1, 0},
     {"ray_ray: values, mean", ray_ray, {X(N, S, V, P *C), X(N, S, V, T *C)}, 2, 0},
     {"ray_ray_convolution", convolution, {X(N, S, V, F)}, 1, 0},
+    {"volume", volume_black, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
+    {"volume: white", volume_white, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
+    {"volume: opaque", volume_opaque, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
 };
 const int light_field_case_count = sizeof light_field_cases / sizeof *light_field_cases;
