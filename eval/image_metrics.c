@@ -6,30 +6,32 @@
 
 #include <math.h>
 
-#define IMAGE_TEXT                                                                                 \
-    "three channels, grey three times, alpha composited on white, values cut to [0, 1]"
-#define PSNR_TEXT                                                                                  \
-    "10 log10(1 / mse) in dB, mse the mean over pixels and channels, peak 1; at most 100, which "  \
-    "equal images have"
-#define SSIM_TEXT                                                                                  \
-    "11 x 11 Gaussian window of sigma 1.5, K = (0.01, 0.03), peak 1, variances with divisor n, "   \
-    "windows inside the image only, mean over windows and channels"
-#define VARIANCE_TEXT                                                                              \
-    "values 0 to 255, not rounded; variance over the renderings of an item with divisor n, "       \
-    "largest over pixels and channels; mean over items"
-
 const char *lf_image_metric_text(void)
 {
-    return "Images          " IMAGE_TEXT ".\n"
-           "PSNR            " PSNR_TEXT ".\n"
-           "SSIM            " SSIM_TEXT ".\n"
-           "Pixel variance  " VARIANCE_TEXT ".\n";
+    return "images       three channels, grey three times, alpha composited on white, values cut\n"
+           "             to [0, 1]\n"
+           "PSNR         10 log10(1 / mse) in dB, mse the mean over pixels and channels, peak 1;\n"
+           "             at most 100, which equal images have\n"
+           "SSIM         11 x 11 Gaussian window of sigma 1.5, K = (0.01, 0.03), peak 1;\n"
+           "             variances with divisor n, windows inside the image only, mean over\n"
+           "             windows and channels\n"
+           "variance     values 0 to 255, not rounded; variance over the renderings of an item\n"
+           "             with divisor n, largest over pixels and channels; mean over items\n";
 }
 
 json_t *lf_image_metric_json(void)
 {
-    return json_pack("{s:s,s:s,s:s,s:s}", "image", IMAGE_TEXT, "psnr", PSNR_TEXT, "ssim", SSIM_TEXT,
-                     "pixel_variance", VARIANCE_TEXT);
+    return json_pack(
+        "{s:s,s:s,s:s,s:s}", "image",
+        "three channels, grey three times, alpha composited on white, values cut to [0, 1]", "psnr",
+        "10 log10(1 / mse) in dB, mse the mean over pixels and channels, peak 1; at most 100, "
+        "which equal images have",
+        "ssim",
+        "11 x 11 Gaussian window of sigma 1.5, K = (0.01, 0.03), peak 1, variances with divisor n, "
+        "windows inside the image only, mean over windows and channels",
+        "pixel_variance",
+        "values 0 to 255, not rounded; variance over the renderings of an item with divisor n, "
+        "largest over pixels and channels; mean over items");
 }
 
 /* ---- images ---------------------------------------------------------------------------------- */

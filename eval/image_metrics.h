@@ -32,7 +32,7 @@ extern "C" {
 #define LF_PSNR_MOST 100.0 /* dB, of equal images */
 enum { LF_SSIM_WINDOW = 11 };
 
-/* The definitions above for people, a few lines with units; without a file name. */
+/* The definitions above for people, a few lines with units. */
 const char *lf_image_metric_text(void);
 /* The same as a JSON object {"image", "psnr", "ssim", "pixel_variance"}, texts each. A new
  * reference. */

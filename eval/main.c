@@ -6,8 +6,10 @@
 #include <unistd.h>
 
 #include "eval/compare.h"
+#include "eval/compare_images.h"
 #include "eval/equivariance.h"
 #include "eval/evaluate.h"
+#include "eval/image_metrics.h"
 #include "train/openmp.h"
 
 static void print_help(FILE *out)
@@ -16,12 +18,13 @@ static void print_help(FILE *out)
           "elf-eval --checkpoint F --check-equivariance N\n"
           "                                          what the trained model keeps of its symmetry\n"
           "elf-eval compare-meshes A B [options]     score mesh A (predicted) against B (truth)\n"
+          "elf-eval compare-images A B [options]     PSNR, SSIM and LPIPS of two images\n"
           "\n"
           "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
           "  --setting S       I, Z, R, Y or SO3 (default: the training's)\n"
           "  --split S         train, val or test (default test)\n"
           "  --shapes N        at most N shapes\n"
-          "  --json F          write the report as JSON (compare-meshes prints it as well)\n"
+          "  --json F          write the report as JSON (compare-* print it as well)\n"
           "  --out DIR         write meshes (PLY) and a picture of the first shapes, montage.png\n"
           "  --pictures N      rows of the picture (default 6)\n"
           "  --roll DEGREES    roll every view by this as well and render it again\n"
@@ -29,6 +32,8 @@ static void print_help(FILE *out)
           "  --exact           Chamfer to the surface instead of to its samples\n"
           "  --normalise       compare-meshes: first centre both boxes and scale to diagonal 1\n"
           "  --samples N       compare-meshes: points of each metric (default 100000)\n"
+          "  --lpips-weights F compare-images: the weights of LPIPS (docs/lpips.md)\n"
+          "  --lpips-net NET   compare-images: vgg or alex (default vgg)\n"
           "  --set K=V         override a key of the checkpoint's config, e.g. data.root=DIR\n"
           "  --threads N       threads (default: all; the result does not depend on it)\n"
           "  --quiet, --help, --help-config, --version\n"
@@ -36,6 +41,8 @@ static void print_help(FILE *out)
           "Metrics:\n",
           out);
     fputs(lf_metric_text(), out);
+    fputs(lf_image_metric_text(), out);
+    fputs(lf_lpips_text(), out);
     fputs("\nExit codes: 0 done, 1 failed while running, 2 wrong use, config or input.\n", out);
 }
 
@@ -49,6 +56,7 @@ typedef struct arguments {
     long samples;
     bool normalise, done;
     lf_evaluate_options evaluate;
+    lf_compare_images_options images;
     int words;
     char **word; /* what is not an option */
 } arguments;
@@ -78,6 +86,8 @@ enum {
     EXACT,
     NORMALISE,
     SAMPLES,
+    LPIPS_WEIGHTS,
+    LPIPS_NET,
     SET,
     THREADS,
     QUIET,
@@ -87,26 +97,29 @@ enum {
     VERSION
 };
 
-static const struct option option_table[] = {{"checkpoint", required_argument, NULL, CHECKPOINT},
-                                             {"setting", required_argument, NULL, SETTING},
-                                             {"split", required_argument, NULL, SPLIT},
-                                             {"shapes", required_argument, NULL, SHAPES},
-                                             {"json", required_argument, NULL, JSON},
-                                             {"out", required_argument, NULL, OUT},
-                                             {"pictures", required_argument, NULL, PICTURES},
-                                             {"roll", required_argument, NULL, ROLL},
-                                             {"dense", no_argument, NULL, DENSE},
-                                             {"exact", no_argument, NULL, EXACT},
-                                             {"normalise", no_argument, NULL, NORMALISE},
-                                             {"samples", required_argument, NULL, SAMPLES},
-                                             {"set", required_argument, NULL, SET},
-                                             {"threads", required_argument, NULL, THREADS},
-                                             {"quiet", no_argument, NULL, QUIET},
-                                             {"check-equivariance", required_argument, NULL, CHECK},
-                                             {"help", no_argument, NULL, HELP},
-                                             {"help-config", no_argument, NULL, HELP_CONFIG},
-                                             {"version", no_argument, NULL, VERSION},
-                                             {NULL, 0, NULL, 0}};
+static const struct option option_table[] = {
+    {"checkpoint", required_argument, NULL, CHECKPOINT},
+    {"setting", required_argument, NULL, SETTING},
+    {"split", required_argument, NULL, SPLIT},
+    {"shapes", required_argument, NULL, SHAPES},
+    {"json", required_argument, NULL, JSON},
+    {"out", required_argument, NULL, OUT},
+    {"pictures", required_argument, NULL, PICTURES},
+    {"roll", required_argument, NULL, ROLL},
+    {"dense", no_argument, NULL, DENSE},
+    {"exact", no_argument, NULL, EXACT},
+    {"normalise", no_argument, NULL, NORMALISE},
+    {"samples", required_argument, NULL, SAMPLES},
+    {"lpips-weights", required_argument, NULL, LPIPS_WEIGHTS},
+    {"lpips-net", required_argument, NULL, LPIPS_NET},
+    {"set", required_argument, NULL, SET},
+    {"threads", required_argument, NULL, THREADS},
+    {"quiet", no_argument, NULL, QUIET},
+    {"check-equivariance", required_argument, NULL, CHECK},
+    {"help", no_argument, NULL, HELP},
+    {"help-config", no_argument, NULL, HELP_CONFIG},
+    {"version", no_argument, NULL, VERSION},
+    {NULL, 0, NULL, 0}};
 
 static lf_status parse_roll(const char *text, double *out, lf_error *err)
 {
@@ -116,6 +129,12 @@ static lf_status parse_roll(const char *text, double *out, lf_error *err)
         return lf_fail(err, LF_BAD_INPUT, "--roll %s: give degrees from -360 to 360", text);
     *out = x;
     return LF_OK;
+}
+
+static lf_status parse_net(const char *text, lf_lpips_net *out, lf_error *err)
+{
+    const lf_status status = lf_lpips_net_parse(text, out, err);
+    return status == LF_OK ? LF_OK : lf_error_context(err, status, "--lpips-net");
 }
 
 /* Options that take no number or text of their own. */
@@ -163,6 +182,11 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
     case OUT:
         a->evaluate.out = optarg;
         return LF_OK;
+    case LPIPS_WEIGHTS:
+        a->images.weights = optarg;
+        return LF_OK;
+    case LPIPS_NET:
+        return parse_net(optarg, &a->images.net, err);
     case SHAPES:
         return parse_number("shapes", optarg, 1, 1000000, &a->evaluate.shapes, err);
     case PICTURES:
@@ -251,6 +275,23 @@ static lf_status run_compare(const arguments *a, lf_error *err)
                              err);
 }
 
+static lf_status run_compare_images(const arguments *a, lf_error *err)
+{
+    if (a->words != 3)
+        return lf_fail(err, LF_BAD_INPUT, "compare-images takes two image files of one size");
+    static const int used[] = {JSON, LPIPS_WEIGHTS, LPIPS_NET, THREADS, QUIET, 0};
+    LF_TRY(check_given(a, "compare-images", used, err));
+    if (!a->images.weights && a->given & 1u << (LPIPS_NET - CHECKPOINT))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "--lpips-net says whose the weights are: give --lpips-weights as well");
+    lf_compare_images_options options = a->images;
+    options.json = a->evaluate.json;
+    if (options.json)
+        LF_TRY(check_report(options.json, err));
+    return lf_compare_images(a->word[1], a->word[2], &options, a->evaluate.quiet ? NULL : stdout,
+                             err);
+}
+
 static lf_status run_model(const arguments *a, lf_error *err)
 {
     static const int score[] = {CHECKPOINT, SETTING, SPLIT, SHAPES, JSON,    OUT,   PICTURES,
@@ -279,6 +320,8 @@ static lf_status run(const arguments *a, lf_error *err)
 {
     if (a->words > 0 && strcmp(a->word[0], "compare-meshes") == 0)
         return run_compare(a, err);
+    if (a->words > 0 && strcmp(a->word[0], "compare-images") == 0)
+        return run_compare_images(a, err);
     if (a->words > 0)
         return lf_fail(err, LF_BAD_INPUT, "%s is not a job of elf-eval; see elf-eval --help",
                        a->word[0]);
