@@ -144,6 +144,44 @@ lf_tensor *lf_ray_ray_convolution_apply(lf_tape *tape, const lf_ray_ray_convolut
 lf_tensor *lf_ray_ray_convolution_views(lf_tape *tape, const lf_ray_ray_convolution *layer,
                                         lf_tensor *f, const lf_light_geometry *rays);
 
+/* ---- attention over the source views ----------------------------------------------------------
+ */
+
+typedef struct lf_attended {
+    lf_tensor *field;  /* [N, S, P C] */
+    lf_tensor *weight; /* [N, S, V]: the mean of the heads' weights */
+} lf_attended;
+
+/* q [N, S, P C], k and values [N, S, V, P C]; heads split the channels of every type evenly, logits
+ * are over sqrt(P C / heads). Unseen views have weight 0; a point that no view sees gives zeros. */
+lf_attended lf_cross_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_tensor *value,
+                               const lf_light_geometry *rays, int heads);
+
+/* sum_v weight_v x_v: [N, S, V], [N, S, V, D] -> [N, S, D]; the colour of a point from its views.
+ */
+lf_tensor *lf_blend_views(lf_tape *tape, lf_tensor *weight, lf_tensor *x);
+
+/* What a view's key or value becomes beside the query: linear of [view; query] to 2 C channels,
+ * gated, linear to C. */
+typedef struct lf_view_update {
+    lf_so2_map from_view, from_point, out;
+    lf_so2_gated gated;
+} lf_view_update;
+
+/* Keys and values by ray -> ray kernels of their own, their updates, attention, residual.   [5b.4]
+ */
+typedef struct lf_cross_attention_layer {
+    int heads;
+    lf_so2_map query;
+    lf_ray_ray_convolution kernel[2]; /* keys, values */
+    lf_view_update update[2];
+} lf_cross_attention_layer;
+void lf_cross_attention_init(lf_store *store, lf_cross_attention_layer *layer, const char *prefix,
+                             const lf_types *types, long in, long channels, long hidden, int heads);
+/* f [N, S, V, F], point [N, S, P C]; the field is the updated point. */
+lf_attended lf_cross_attention_apply(lf_tape *tape, const lf_cross_attention_layer *layer,
+                                     lf_tensor *f, lf_tensor *point, const lf_light_geometry *rays);
+
 /* ---- volume rendering -------------------------------------------------------------------------
  */
 

@@ -12,7 +12,7 @@ for header in autograd/ops.h autograd/ops_image.h layers/layers.h layers/light_f
     *) places="tests/op_table_*.c" ;;
     esac
     # every function that takes a tape first and gives a tensor, a field or a change of fields
-    for name in $(tr '\n' ' ' <"$header" | grep -o '\(lf_tensor \*\|lf_field \|lf_rendered \|void \)lf_[a-z0-9_]*(lf_tape \*tape' |
+    for name in $(tr '\n' ' ' <"$header" | grep -o '\(lf_tensor \*\|lf_field \|lf_rendered \|lf_attended \|void \)lf_[a-z0-9_]*(lf_tape \*tape' |
         grep -o 'lf_[a-z0-9_]*(' | tr -d '('); do
         if ! grep -q "$name(" $places; then
             echo "$header: $name is not checked in $places" >&2

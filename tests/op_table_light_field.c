@@ -135,6 +135,38 @@ static int convolution(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
     return 2;
 }
 
+static int cross_attention(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    const lf_light_geometry g = geometry(tape);
+    const lf_attended y = lf_cross_attention(tape, in[0], in[1], in[2], &g, 2);
+    out[0] = y.field;
+    out[1] = y.weight;
+    return 2;
+}
+
+static int blend(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_blend_views(tape, in[0], in[1]);
+    return 1;
+}
+
+static int cross_attention_layer(lf_tape *tape, lf_store *store, lf_tensor *const *in,
+                                 lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    lf_cross_attention_layer l;
+    if (first_build(store, &l, sizeof l)) {
+        lf_cross_attention_init(store, &l, "cross", &types, F, C, 5, 2);
+        keep(store, &l, sizeof l);
+    }
+    const lf_attended y = lf_cross_attention_apply(tape, &l, in[0], in[1], &g);
+    out[0] = y.field;
+    out[1] = y.weight;
+    return 2;
+}
+
 static int volume(lf_tape *tape, lf_tensor *const *in, lf_tensor **out, bool white)
 {
     const lf_rendered r = lf_volume(tape, in[0], in[1], in[2], white);
@@ -191,6 +223,9 @@ const op_case light_field_cases[] = {
     {"so2 map, gated", map_and_gate, {X(6, P *C)}, 1, 0},
     {"ray_ray: values, mean", ray_ray, {X(N, S, V, P *C), X(N, S, V, T *C)}, 2, 0},
     {"ray_ray_convolution", convolution, {X(N, S, V, F)}, 1, 0},
+    {"cross_attention", cross_attention, {X(N, S, P *C), X(N, S, V, P *C), X(N, S, V, P *C)}, 3, 0},
+    {"blend_views", blend, {X(N, S, V), X(N, S, V, 3)}, 2, 0},
+    {"cross attention layer", cross_attention_layer, {X(N, S, V, F), X(N, S, P *C)}, 2, 0},
     {"volume", volume_black, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: white", volume_white, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: opaque", volume_opaque, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},

@@ -103,7 +103,7 @@ static scene moved(const scene *s, const lf_frame *g)
 
 /* ---- the layers, one after the other ---- */
 
-enum stage { VALUES, MEAN, MAP, GATED, NORM, LAYER_NORM, STAGES };
+enum stage { VALUES, MEAN, MAP, GATED, NORM, LAYER_NORM, CROSS, STAGES };
 
 typedef struct net {
     lf_store *store;
@@ -111,6 +111,7 @@ typedef struct net {
     lf_ray_ray_convolution convolution;
     lf_so2_map map;
     lf_so2_gated gated;
+    lf_cross_attention_layer cross;
     const lf_parameter *beta, *gain;
 } net;
 
@@ -120,6 +121,7 @@ static net open_net(void)
     lf_ray_ray_convolution_init(n.store, &n.convolution, "convolution", &types, F, C, 16);
     lf_so2_map_init(n.store, &n.map, "map", &types, C, C, true);
     lf_so2_gated_init(n.store, &n.gated, "gated", &types, C);
+    lf_cross_attention_init(n.store, &n.cross, "cross", &types, F, C, 16, 4);
     n.beta = lf_store_add(n.store, "beta", 1, LF_DIMS(T * C), 0, 0.3, true);
     n.gain = lf_store_add(n.store, "gain", 1, LF_DIMS(T * C), 1, 0.3, true);
     lf_stream r = lf_stream_at(7, LF_RANDOM_TEST, 21, 0); /* biases that are not 0 */
@@ -137,8 +139,8 @@ static void close_net(net *n)
     lf_store_free(n->store);
 }
 
-/* Fields of all stages, on the tape of the net. */
-static void run(net *n, lf_tape *tape, const scene *s, lf_tensor **field)
+/* Fields of all stages; returns the weights of the views. */
+static const lf_tensor *run(net *n, lf_tape *tape, const scene *s, lf_tensor **field)
 {
     const lf_light_rays in = rays_of(s);
     const lf_light_geometry g = lf_light_geometry_make(tape, &types, &in);
@@ -149,6 +151,9 @@ static void run(net *n, lf_tape *tape, const scene *s, lf_tensor **field)
     field[GATED] = lf_so2_gated_apply(tape, &n->gated, &types, field[MAP]);
     field[NORM] = lf_so2_norm_relu(tape, &types, field[MAP], lf_param(tape, n->beta));
     field[LAYER_NORM] = lf_so2_layer_norm(tape, &types, field[MAP], lf_param(tape, n->gain));
+    const lf_attended a = lf_cross_attention_apply(tape, &n->cross, f, field[LAYER_NORM], &g);
+    field[CROSS] = a.field;
+    return a.weight;
 }
 
 /* The largest |after - Rot(omega gamma) before| of each type over the field's largest number. */
@@ -186,12 +191,13 @@ static void fields_turn_with_the_frame(void **state)
     lf_tape *other = lf_tape_create();
     lf_tensor *before[STAGES], *after[STAGES];
     double error[STAGES][T] = {{0}};
-    run(&n, n.tape, &s, before);
+    const lf_tensor *weight = run(&n, n.tape, &s, before);
     for (int i = 0; i < MOTIONS; i++) {
         const lf_frame g = random_motion((uint64_t)i, i % 2 ? 1000 : 3);
         const scene m = moved(&s, &g);
         lf_tape_reset(other);
-        run(&n, other, &m, after);
+        const lf_tensor *w = run(&n, other, &m, after);
+        assert_below(relative_error(w->value, weight->value, w->size), layer_tolerance());
         for (int k = 0; k < STAGES; k++)
             add_errors(after[k], before[k], &s, &g, error[k]);
     }
@@ -343,6 +349,85 @@ static void masked_views_do_not_count(void **state)
     close_net(&n);
 }
 
+/* ---- attention over the views ---- */
+
+typedef struct attention_case {
+    lf_light_geometry rays;
+    lf_tensor *q, *k, *value;
+} attention_case;
+
+static attention_case open_attention(lf_tape *tape, const scene *s)
+{
+    const lf_light_rays in = rays_of(s);
+    attention_case c = {lf_light_geometry_make(tape, &types, &in),
+                        lf_tensor_new(tape, 3, LF_DIMS(N, S, P * C)),
+                        lf_tensor_new(tape, 4, LF_DIMS(N, S, V, P * C)),
+                        lf_tensor_new(tape, 4, LF_DIMS(N, S, V, P * C))};
+    lf_tensor *all[] = {c.q, c.k, c.value};
+    lf_stream r = lf_stream_at(9, LF_RANDOM_TEST, 23, 0);
+    for (int t = 0; t < 3; t++)
+        for (long i = 0; i < all[t]->size; i++)
+            all[t]->value[i] = (lf_real)lf_normal(&r);
+    return c;
+}
+
+static void no_view_and_one_view(void **state)
+{
+    (void)state;
+    scene s = make_scene();
+    lf_tape *tape = lf_tape_create();
+    for (int v = 0; v < V; v++) {
+        s.seen[v] = 0;          /* the first point is seen by none */
+        s.seen[V + v] = v == 2; /* the second by one */
+    }
+    const attention_case c = open_attention(tape, &s);
+    const lf_attended y = lf_cross_attention(tape, c.q, c.k, c.value, &c.rays, 2);
+    for (int i = 0; i < P * C; i++) {
+        assert_true(y.field->value[i] == 0);
+        assert_true(y.field->value[P * C + i] == c.value->value[(V + 2) * P * C + i]);
+    }
+    for (int v = 0; v < V; v++) {
+        assert_true(y.weight->value[v] == 0);
+        assert_true(y.weight->value[V + v] == (v == 2));
+    }
+    lf_tape_free(tape);
+}
+
+/* Two equal views share evenly; the order of views is no part of the answer; huge logits. */
+static void copies_orders_and_sizes(void **state)
+{
+    (void)state;
+    scene s = make_scene();
+    memset(s.seen, 1, sizeof s.seen);
+    lf_tape *tape = lf_tape_create();
+    attention_case c = open_attention(tape, &s);
+    const long n = P * C;
+    memcpy(c.k->value + n, c.k->value, (size_t)n * sizeof(lf_real)); /* view 1 = view 0 */
+    memcpy(c.value->value + n, c.value->value, (size_t)n * sizeof(lf_real));
+    const lf_attended y = lf_cross_attention(tape, c.q, c.k, c.value, &c.rays, 4);
+    assert_true(y.weight->value[0] == y.weight->value[1]);
+    double sum = 0;
+    for (int v = 0; v < V; v++)
+        sum += (double)y.weight->value[v];
+    assert_close(sum, 1, 0, EXACT ? 1e-15 : 1e-6);
+    attention_case back = open_attention(tape, &s);
+    for (long p = 0; p < N * S; p++)
+        for (long v = 0; v < V; v++) {
+            const long to = (p * V + V - 1 - v) * n, from = (p * V + v) * n;
+            memcpy(back.k->value + to, c.k->value + from, (size_t)n * sizeof(lf_real));
+            memcpy(back.value->value + to, c.value->value + from, (size_t)n * sizeof(lf_real));
+        }
+    const lf_attended z = lf_cross_attention(tape, c.q, back.k, back.value, &c.rays, 4);
+    assert_below(relative_error(z.field->value, y.field->value, y.field->size),
+                 EXACT ? 1e-12 : 1e-5);
+    for (long i = 0; i < c.k->size; i++)
+        c.k->value[i] *= (lf_real)1e5;
+    const lf_attended large = lf_cross_attention(tape, c.q, c.k, c.value, &c.rays, 4);
+    for (long i = 0; i < large.field->size; i++)
+        assert_true(isfinite(large.field->value[i]));
+    lf_tape_free(tape);
+}
+
 /* ---- volume rendering ---- */
 
 enum { MOST = 1024 };
@@ -441,6 +526,8 @@ int main(void)
         cmocka_unit_test(angles_are_those_of_the_vectors),
         cmocka_unit_test(cameras_on_the_ray),
         cmocka_unit_test(masked_views_do_not_count),
+        cmocka_unit_test(no_view_and_one_view),
+        cmocka_unit_test(copies_orders_and_sizes),
         cmocka_unit_test(weights_of_all_densities),
         cmocka_unit_test(empty_and_opaque_rays),
     };
