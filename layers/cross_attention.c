@@ -12,9 +12,10 @@
  * Degenerate  no view: zeros. One view: weight 1, no gradient to q and k.
  * Masked      views that do not see the point are not computed: weight 0, no gradient.
  */
+#include "layers/heads.h"
 #include "layers/light_field.h"
 
-enum { CHANNELS = 64, HEADS = 64, VIEWS = 256 };
+enum { HEADS = LF_HEAD_CHANNELS, VIEWS = 256 };
 
 typedef struct attention {
     const lf_tensor *mask;
@@ -23,34 +24,6 @@ typedef struct attention {
     lf_real scale;
     lf_real *weight; /* [points, V, H] */
 } attention;
-
-/* Head h has the channels [h C / H, (h + 1) C / H) of every plane. */
-static void head_products(const attention *t, const lf_real *a, const lf_real *b, lf_real *sums)
-{
-    const long c = t->c, per = c / t->heads;
-    lf_real sum[CHANNELS] = {0};
-    for (long p = 0; p < t->planes; p++)
-        for (long i = 0; i < c; i++)
-            sum[i] += a[p * c + i] * b[p * c + i];
-    for (int h = 0; h < t->heads; h++) {
-        sums[h] = 0;
-        for (long i = 0; i < per; i++)
-            sums[h] += sum[h * per + i];
-    }
-}
-
-/* y += x times each head's number. */
-static void add_heads(const attention *t, const lf_real *number, const lf_real *x,
-                      lf_real *restrict y)
-{
-    const long c = t->c, per = c / t->heads;
-    lf_real by[CHANNELS];
-    for (long i = 0; i < c; i++)
-        by[i] = number[i / per];
-    for (long p = 0; p < t->planes; p++)
-        for (long i = 0; i < c; i++)
-            y[p * c + i] += by[i] * x[p * c + i];
-}
 
 /* Weights of one point from its logits, in place: [V, H]. */
 static void softmax_views(const attention *t, const lf_real *mask, lf_real *w)
@@ -80,7 +53,8 @@ static void forward_point(const attention *t, long p, lf_tensor *const *in, lf_t
     for (long v = 0; v < views; v++) {
         if (!(mask[v] > 0))
             continue;
-        head_products(t, q, in[1]->value + (p * views + v) * n, w + v * t->heads);
+        lf_head_products(t->planes, t->c, t->heads, q, in[1]->value + (p * views + v) * n,
+                         w + v * t->heads);
         for (int h = 0; h < t->heads; h++)
             w[v * t->heads + h] *= t->scale;
     }
@@ -92,7 +66,8 @@ static void forward_point(const attention *t, long p, lf_tensor *const *in, lf_t
             mean += w[v * t->heads + h];
         out[1]->value[p * views + v] = mean / (lf_real)t->heads;
         if (mask[v] > 0)
-            add_heads(t, w + v * t->heads, in[2]->value + (p * views + v) * n, y);
+            lf_head_add(t->planes, t->c, t->heads, w + v * t->heads,
+                        in[2]->value + (p * views + v) * n, y);
     }
 }
 
@@ -107,7 +82,8 @@ static void backward_point(const attention *t, const lf_node *node, long p)
     for (long v = 0; v < views; v++) {
         if (!(mask[v] > 0))
             continue;
-        head_products(t, dy, val->value + (p * views + v) * n, dw + v * heads);
+        lf_head_products(t->planes, t->c, t->heads, dy, val->value + (p * views + v) * n,
+                         dw + v * heads);
         for (int h = 0; h < heads; h++) {
             dw[v * heads + h] += dmean[v] / (lf_real)heads;
             pull[h] += w[v * heads + h] * dw[v * heads + h];
@@ -120,11 +96,11 @@ static void backward_point(const attention *t, const lf_node *node, long p)
         for (int h = 0; h < heads; h++)
             dw[v * heads + h] = t->scale * w[v * heads + h] * (dw[v * heads + h] - pull[h]);
         if (q->grad)
-            add_heads(t, dw + v * heads, k->value + row, q->grad + p * n);
+            lf_head_add(t->planes, t->c, t->heads, dw + v * heads, k->value + row, q->grad + p * n);
         if (k->grad)
-            add_heads(t, dw + v * heads, q->value + p * n, k->grad + row);
+            lf_head_add(t->planes, t->c, t->heads, dw + v * heads, q->value + p * n, k->grad + row);
         if (val->grad)
-            add_heads(t, w + v * heads, dy, val->grad + row);
+            lf_head_add(t->planes, t->c, t->heads, w + v * heads, dy, val->grad + row);
     }
 }
 
@@ -140,7 +116,7 @@ lf_attended lf_cross_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_ten
 {
     const long planes = lf_types_planes(&rays->types), c = lf_cols(q) / planes;
     const long points = rays->rays * rays->samples;
-    LF_REQUIRE(heads >= 1 && heads <= HEADS && c % heads == 0 && c <= CHANNELS &&
+    LF_REQUIRE(heads >= 1 && heads <= HEADS && c % heads == 0 && c <= LF_HEAD_CHANNELS &&
                    lf_cols(q) == planes * c && rays->views <= VIEWS,
                "lf_cross_attention: %d heads over %ld channels, %ld views", heads, c, rays->views);
     LF_REQUIRE(lf_rows(q) == points && k->size == q->size * rays->views && val->size == k->size,

@@ -101,7 +101,7 @@ lf_light_geometry lf_light_geometry_make(lf_tape *tape, const lf_types *types,
     lf_tensor *phase = lf_tensor_new(tape, 3, LF_DIMS(n, v, planes));
     lf_tensor *angle = lf_tensor_new(tape, 4, LF_DIMS(n, s, v, 3));
     lf_tensor *mask = lf_tensor_new(tape, 3, LF_DIMS(n, s, v));
-    lf_tensor *depth = lf_tensor_new(tape, 2, LF_DIMS(n, s));
+    lf_tensor *count = lf_tensor_new(tape, 2, LF_DIMS(n, s)), *depth = lf_tensor_like(tape, count);
     const double range = in->far - in->near;
     const lf_mark mark = lf_tape_mark(tape);
     double *offset = lf_alloc(tape, 2 * (size_t)v * sizeof *offset), *along = offset + v;
@@ -109,13 +109,15 @@ lf_light_geometry lf_light_geometry_make(lf_tape *tape, const lf_types *types,
         ray_views(types, in, ray, phase->value + ray * v * planes, offset, along);
         for (long i = ray * s; i < (ray + 1) * s; i++) {
             depth->value[i] = (lf_real)((in->depth[i] - in->near) / range);
+            count->value[i] = 0;
             for (long k = 0; k < v; k++) {
                 lf_real *a = angle->value + 3 * (i * v + k);
                 const bool apart = view_angle(in->depth[i] - along[k], offset[k], 1e-9 * range, a);
                 mask->value[i * v + k] = in->seen[i * v + k] && apart;
+                count->value[i] += mask->value[i * v + k];
             }
         }
     }
     lf_tape_release(tape, mark);
-    return (lf_light_geometry){n, s, v, *types, phase, angle, mask, depth};
+    return (lf_light_geometry){n, s, v, *types, phase, angle, mask, count, depth};
 }

@@ -19,6 +19,7 @@
 
 #include "layers/layers.h"
 
+enum { LF_ALONG_BASIS = 16, LF_KEY_VIEWS = 2 };
 enum { LF_TYPES_MAX = 9, LF_OMEGA_MAX = 1024, LF_PLANES_MAX = 2 * LF_TYPES_MAX - 1 };
 
 typedef struct lf_types {
@@ -42,6 +43,7 @@ typedef struct lf_light_geometry {
     const lf_tensor *phase; /* [N, V, P]: 1 for the scalars, fade cos(omega alpha), fade sin */
     const lf_tensor *angle; /* [N, S, V, 3]: 4 sin theta - 1, 10 (1 - cos theta), cos theta */
     const lf_tensor *mask;  /* [N, S, V]: 1 = the view sees the point */
+    const lf_tensor *count; /* [N, S]: views that see the point */
     const lf_tensor *depth; /* [N, S]: (depth - near) / (far - near) */
 } lf_light_geometry;
 
@@ -181,6 +183,30 @@ void lf_cross_attention_init(lf_store *store, lf_cross_attention_layer *layer, c
 /* f [N, S, V, F], point [N, S, P C]; the field is the updated point. */
 lf_attended lf_cross_attention_apply(lf_tape *tape, const lf_cross_attention_layer *layer,
                                      lf_tensor *f, lf_tensor *point, const lf_light_geometry *rays);
+
+/* ---- attention along the ray ------------------------------------------------------------------
+ */
+
+/* Between the samples of a ray: keys and values of sample j are multiplied, per type and channel,
+ * by c(depth_j - depth_i) = 1 + 16 Gaussians on [-1, 1] with complex weights [16, P C] (real for
+ * scalars). q, k, values [N, S, P C] -> [N, S, P C]. Samples that less than LF_KEY_VIEWS views see
+ * are no keys; without any key the result is 0.                              [method.md 2.8, 5b.5]
+ */
+lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_tensor *value,
+                                  lf_tensor *key_profile, lf_tensor *value_profile,
+                                  const lf_light_geometry *rays, int heads);
+
+/* Query, keys and values by maps, attention, and the heads joined to `out` channels. No residual.
+ */
+typedef struct lf_along_ray_layer {
+    int heads;
+    lf_so2_map query, key, value, join;
+    const lf_parameter *profile[2]; /* of keys, of values */
+} lf_along_ray_layer;
+void lf_along_ray_init(lf_store *store, lf_along_ray_layer *layer, const char *prefix,
+                       const lf_types *types, long channels, long out, int heads);
+lf_tensor *lf_along_ray_apply(lf_tape *tape, const lf_along_ray_layer *layer, lf_tensor *x,
+                              const lf_light_geometry *rays);
 
 /* ---- volume rendering -------------------------------------------------------------------------
  */

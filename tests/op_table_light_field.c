@@ -167,6 +167,26 @@ static int cross_attention_layer(lf_tape *tape, lf_store *store, lf_tensor *cons
     return 2;
 }
 
+static int along_ray(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    const lf_light_geometry g = geometry(tape);
+    out[0] = lf_along_ray_attention(tape, in[0], in[1], in[2], in[3], in[4], &g, 2);
+    return 1;
+}
+
+static int along_ray_layer(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    lf_along_ray_layer l;
+    if (first_build(store, &l, sizeof l)) {
+        lf_along_ray_init(store, &l, "along", &types, C, 3, 2);
+        keep(store, &l, sizeof l);
+    }
+    out[0] = lf_along_ray_apply(tape, &l, in[0], &g);
+    return 1;
+}
+
 static int volume(lf_tape *tape, lf_tensor *const *in, lf_tensor **out, bool white)
 {
     const lf_rendered r = lf_volume(tape, in[0], in[1], in[2], white);
@@ -211,6 +231,9 @@ static int volume_opaque(lf_tape *tape, lf_store *store, lf_tensor *const *in, l
         .rank = 2, .dim = {2, 6}, .fill = FILL_POSITIVE, .constant = true                          \
     }
 
+#define ROWS X(N, S, P *C)
+#define PROFILE X(LF_ALONG_BASIS, P *C)
+
 const op_case light_field_cases[] = {
     {"so2_linear", linear, {X(6, P *C), X(P, C, 3), X(3)}, 3, 0},
     {"so2_concat", concat, {X(6, P *C), X(6, P * 3)}, 2, 0},
@@ -226,6 +249,8 @@ const op_case light_field_cases[] = {
     {"cross_attention", cross_attention, {X(N, S, P *C), X(N, S, V, P *C), X(N, S, V, P *C)}, 3, 0},
     {"blend_views", blend, {X(N, S, V), X(N, S, V, 3)}, 2, 0},
     {"cross attention layer", cross_attention_layer, {X(N, S, V, F), X(N, S, P *C)}, 2, 0},
+    {"along_ray_attention", along_ray, {ROWS, ROWS, ROWS, PROFILE, PROFILE}, 5, 0},
+    {"along ray layer", along_ray_layer, {ROWS}, 1, 0},
     {"volume", volume_black, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: white", volume_white, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: opaque", volume_opaque, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},

@@ -103,7 +103,7 @@ static scene moved(const scene *s, const lf_frame *g)
 
 /* ---- the layers, one after the other ---- */
 
-enum stage { VALUES, MEAN, MAP, GATED, NORM, LAYER_NORM, CROSS, STAGES };
+enum stage { VALUES, MEAN, MAP, GATED, NORM, LAYER_NORM, CROSS, ALONG, STAGES };
 
 typedef struct net {
     lf_store *store;
@@ -112,6 +112,7 @@ typedef struct net {
     lf_so2_map map;
     lf_so2_gated gated;
     lf_cross_attention_layer cross;
+    lf_along_ray_layer along;
     const lf_parameter *beta, *gain;
 } net;
 
@@ -122,6 +123,7 @@ static net open_net(void)
     lf_so2_map_init(n.store, &n.map, "map", &types, C, C, true);
     lf_so2_gated_init(n.store, &n.gated, "gated", &types, C);
     lf_cross_attention_init(n.store, &n.cross, "cross", &types, F, C, 16, 4);
+    lf_along_ray_init(n.store, &n.along, "along", &types, C, 2, 4);
     n.beta = lf_store_add(n.store, "beta", 1, LF_DIMS(T * C), 0, 0.3, true);
     n.gain = lf_store_add(n.store, "gain", 1, LF_DIMS(T * C), 1, 0.3, true);
     lf_stream r = lf_stream_at(7, LF_RANDOM_TEST, 21, 0); /* biases that are not 0 */
@@ -153,6 +155,7 @@ static const lf_tensor *run(net *n, lf_tape *tape, const scene *s, lf_tensor **f
     field[LAYER_NORM] = lf_so2_layer_norm(tape, &types, field[MAP], lf_param(tape, n->gain));
     const lf_attended a = lf_cross_attention_apply(tape, &n->cross, f, field[LAYER_NORM], &g);
     field[CROSS] = a.field;
+    field[ALONG] = lf_along_ray_apply(tape, &n->along, a.field, &g);
     return a.weight;
 }
 
@@ -428,6 +431,45 @@ static void copies_orders_and_sizes(void **state)
     lf_tape_free(tape);
 }
 
+/* ---- attention along the ray ---- */
+
+/* A ray that is seen nowhere by two views gives 0; what is no key is not heard; and adding the same
+ * length to all depths changes nothing. */
+static void keys_along_the_ray(void **state)
+{
+    (void)state;
+    scene s = make_scene();
+    for (int i = 0; i < S * V; i++)
+        s.seen[i] = i % V == 1; /* ray 0: one view */
+    for (int v = 0; v < V; v++)
+        s.seen[S * V + v] = 0; /* the first sample of ray 1 */
+    lf_tape *tape = lf_tape_create();
+    attention_case c = open_attention(tape, &s);
+    lf_tensor *w[2] = {lf_tensor_new(tape, 2, LF_DIMS(LF_ALONG_BASIS, P * C)),
+                       lf_tensor_new(tape, 2, LF_DIMS(LF_ALONG_BASIS, P * C))};
+    lf_stream r = lf_stream_at(9, LF_RANDOM_TEST, 24, 0);
+    for (int k = 0; k < 2; k++)
+        for (long i = 0; i < w[k]->size; i++)
+            w[k]->value[i] = (lf_real)lf_normal(&r);
+    lf_tensor *q = c.q, *k = lf_tensor_like(tape, q), *x = lf_tensor_like(tape, q);
+    for (long i = 0; i < q->size; i++) {
+        k->value[i] = (lf_real)lf_normal(&r);
+        x->value[i] = (lf_real)lf_normal(&r);
+    }
+    const lf_tensor *y = lf_along_ray_attention(tape, q, k, x, w[0], w[1], &c.rays, 2);
+    for (long i = 0; i < S * P * C; i++)
+        assert_true(y->value[i] == 0);
+    for (long i = S * P * C; i < (S + 1) * P * C; i++)
+        k->value[i] = x->value[i] = 1000;
+    const lf_tensor *z = lf_along_ray_attention(tape, q, k, x, w[0], w[1], &c.rays, 2);
+    assert_memory_equal(z->value, y->value, (size_t)y->size * sizeof(lf_real));
+    for (long i = 0; i < N * S; i++)
+        c.rays.depth->value[i] += (lf_real)0.25;
+    z = lf_along_ray_attention(tape, q, k, x, w[0], w[1], &c.rays, 2);
+    assert_below(relative_error(z->value, y->value, y->size), EXACT ? 1e-12 : 1e-5);
+    lf_tape_free(tape);
+}
+
 /* ---- volume rendering ---- */
 
 enum { MOST = 1024 };
@@ -528,6 +570,7 @@ int main(void)
         cmocka_unit_test(masked_views_do_not_count),
         cmocka_unit_test(no_view_and_one_view),
         cmocka_unit_test(copies_orders_and_sizes),
+        cmocka_unit_test(keys_along_the_ray),
         cmocka_unit_test(weights_of_all_densities),
         cmocka_unit_test(empty_and_opaque_rays),
     };
