@@ -12,7 +12,6 @@
  * first, so far scenes keep the digits that their coordinates have.
  */
 #include "layers/light_field.h"
-#include "layers/ray_frame.h"
 
 bool lf_types_valid(const lf_types *types)
 {

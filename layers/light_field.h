@@ -18,6 +18,7 @@
 #define LF_LAYERS_LIGHT_FIELD_H
 
 #include "layers/layers.h"
+#include "layers/ray_frame.h"
 
 enum { LF_ALONG_BASIS = 16, LF_KEY_VIEWS = 2 };
 enum { LF_TYPES_MAX = 9, LF_OMEGA_MAX = 1024, LF_PLANES_MAX = 2 * LF_TYPES_MAX - 1 };
@@ -207,6 +208,50 @@ void lf_along_ray_init(lf_store *store, lf_along_ray_layer *layer, const char *p
                        const lf_types *types, long channels, long out, int heads);
 lf_tensor *lf_along_ray_apply(lf_tape *tape, const lf_along_ray_layer *layer, lf_tensor *x,
                               const lf_light_geometry *rays);
+
+/* ---- irreducible translation types, and their Fourier transform -------------------------------
+ */
+
+/* How ray y lies to ray x, in the frame of x.                                     [method.md 2.1]
+ */
+typedef struct lf_ray_pair {
+    bool parallel;       /* within 1e-9: azimuth, distance and foot have no meaning */
+    double azimuth[2];   /* cosine and sine of alpha */
+    double sine, cosine; /* of the angle between the rays */
+    double distance;     /* signed; 0 = they meet */
+    double foot;         /* parameter t on x of the common perpendicular */
+} lf_ray_pair;
+lf_ray_pair lf_ray_relative(const lf_ray *x, const lf_ray *y);
+
+/* Geometry of Y source rays beside N target rays, as V = Y views of one sample: phases of the
+ * azimuth, "angles" [N, 1, Y, 3] = 4 sin theta - 1, signed distance, cos theta; mask 0 for parallel
+ * rays; the feet go to foot [N, Y]. With it lf_ray_ray_values gives k_y of every pair. */
+lf_light_geometry lf_ray_pair_geometry(lf_tape *tape, const lf_types *types, long targets,
+                                       const lf_ray *x, long sources, const lf_ray *y,
+                                       double *foot);
+
+/* Frequencies step (n - half), n = 0 .. 2 half; fields along the ray have the period 2 pi / step,
+ * and details down to `width`. */
+typedef struct lf_spectrum {
+    long half;
+    double step, width;
+} lf_spectrum;
+
+/* Types (omega, w) for all w of the spectrum: z_w = mean_y exp(i w foot_y) k_y.
+ * k [N, 1, Y, P C] -> [N, 2 half + 1, 2 count C], for every type [re C | im C]: the scalars are
+ * pairs as well. Each turns by omega gamma + w tau.                           [method.md 2.2, 2.4]
+ */
+lf_tensor *lf_along_ray_spectrum(lf_tape *tape, lf_tensor *k, const lf_light_geometry *rays,
+                                 const double *foot, const lf_spectrum *spectrum);
+/* Back to points t [rays, samples] of the target rays, smoothed by a Gaussian of the spectrum's
+ * width: -> [rays, samples, P C]. */
+lf_tensor *lf_along_ray_inverse(lf_tape *tape, lf_tensor *z, const lf_types *types, long rays,
+                                long samples, const double *t, const lf_spectrum *spectrum);
+/* The same field straight from the rays: a ray counts at the point t = foot, as a normal density of
+ * deviation `width`: -> [N, samples, P C].                                    [method.md 2.3, 2.4]
+ */
+lf_tensor *lf_along_ray_regular(lf_tape *tape, lf_tensor *k, const lf_light_geometry *rays,
+                                const double *foot, long samples, const double *t, double width);
 
 /* ---- volume rendering -------------------------------------------------------------------------
  */

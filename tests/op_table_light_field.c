@@ -187,6 +187,28 @@ static int along_ray_layer(lf_tape *tape, lf_store *store, lf_tensor *const *in,
     return 1;
 }
 
+/* Two target and four source rays; the fields at three points of each. */
+static int fourier(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    lf_ray ray[6];
+    lf_stream r = lf_stream_at(6, LF_RANDOM_TEST, 12, 0);
+    for (int i = 0; i < 6; i++) {
+        const double angle = lf_normal(&r), tilt = lf_normal(&r);
+        const double p[3] = {lf_normal(&r), lf_normal(&r), lf_normal(&r)};
+        const double d[3] = {cos(tilt) * cos(angle), cos(tilt) * sin(angle), sin(tilt)};
+        ray[i] = lf_ray_through(p, d);
+    }
+    double foot[2 * 4];
+    const double t[] = {-1, 0, 1, -2, 0.5, 2};
+    const lf_spectrum s = {3, 0.7, 0.3};
+    const lf_light_geometry g = lf_ray_pair_geometry(tape, &types, 2, ray, 4, ray + 2, foot);
+    out[0] = lf_along_ray_spectrum(tape, in[0], &g, foot, &s);
+    out[1] = lf_along_ray_inverse(tape, in[1], &types, 2, 3, t, &s);
+    out[2] = lf_along_ray_regular(tape, in[0], &g, foot, 3, t, 1.5);
+    return 3;
+}
+
 static int volume(lf_tape *tape, lf_tensor *const *in, lf_tensor **out, bool white)
 {
     const lf_rendered r = lf_volume(tape, in[0], in[1], in[2], white);
@@ -251,6 +273,11 @@ const op_case light_field_cases[] = {
     {"cross attention layer", cross_attention_layer, {X(N, S, V, F), X(N, S, P *C)}, 2, 0},
     {"along_ray_attention", along_ray, {ROWS, ROWS, ROWS, PROFILE, PROFILE}, 5, 0},
     {"along ray layer", along_ray_layer, {ROWS}, 1, 0},
+    {"along_ray: spectrum, inverse, regular",
+     fourier,
+     {X(2, 1, 4, P *C), X(2, 7, 2 * T * C)},
+     2,
+     0},
     {"volume", volume_black, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: white", volume_white, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: opaque", volume_opaque, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},

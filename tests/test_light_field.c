@@ -3,7 +3,6 @@
  */
 #include "autograd/random.h"
 #include "layers/light_field.h"
-#include "layers/ray_frame.h"
 #include "tests/close.h"
 
 enum { N = 5, S = 6, V = 4, C = 4, F = 7, T = 9, P = 2 * T - 1, MOTIONS = 100 };
@@ -557,6 +556,123 @@ static void empty_and_opaque_rays(void **state)
     lf_tape_free(tape);
 }
 
+/* ---- irreducible translation types ---- */
+
+enum { SOURCES = 6, POINTS = 9 };
+static const lf_spectrum spectrum = {400, 0.4, 0.05}; /* up to 160; period 15.7 */
+
+typedef struct ray_case {
+    lf_ray target[N], source[SOURCES];
+    lf_light_geometry rays;
+    double foot[N * SOURCES];
+    lf_tensor *k, *z;
+} ray_case;
+
+static void unit_ray(lf_stream *r, lf_ray *x)
+{
+    double d[3], p[3];
+    unit_vector(r, d);
+    unit_vector(r, p);
+    *x = lf_ray_through(p, d);
+}
+
+static bool feet_near_by(const ray_case *c, const lf_ray *source)
+{
+    for (int i = 0; i < N; i++)
+        if (!(fabs(lf_ray_relative(&c->target[i], source).foot) < 5))
+            return false;
+    return true;
+}
+
+/* Rays that pass near the origin, none so parallel that their foot is far away; but the last source
+ * is parallel to the first target. */
+static ray_case make_rays(void)
+{
+    ray_case c;
+    const double aside[3] = {0.3, 0.1, -0.2};
+    lf_stream r = lf_stream_at(12, LF_RANDOM_TEST, 25, 0);
+    for (int i = 0; i < N; i++)
+        unit_ray(&r, &c.target[i]);
+    for (int s = 0; s < SOURCES - 1; s++)
+        do
+            unit_ray(&r, &c.source[s]);
+        while (!feet_near_by(&c, &c.source[s]));
+    c.source[SOURCES - 1] = lf_ray_through(aside, c.target[0].direction);
+    return c;
+}
+
+/* Features of the pairs and their spectrum. */
+static void run_rays(lf_tape *tape, net *n, const scene *s, ray_case *c)
+{
+    c->rays = lf_ray_pair_geometry(tape, &types, N, c->target, SOURCES, c->source, c->foot);
+    lf_tensor *f =
+        lf_leaf(tape, 4, LF_DIMS(N, 1, SOURCES, F), (lf_real *)(uintptr_t)s->feature, NULL);
+    c->k = lf_ray_ray_convolution_views(tape, &n->convolution, f, &c->rays);
+    c->z = lf_along_ray_spectrum(tape, c->k, &c->rays, c->foot, &spectrum);
+}
+
+static void irreducible_types_are_the_transform_of_points(void **state)
+{
+    (void)state;
+    const scene s = make_scene();
+    net n = open_net();
+    ray_case c = make_rays();
+    run_rays(n.tape, &n, &s, &c);
+    assert_true(c.rays.mask->value[SOURCES - 1] == 0); /* parallel */
+    double t[N * POINTS];
+    for (int i = 0; i < N * POINTS; i++) { /* the feet, and between them */
+        const int ray = i / POINTS, k = i % POINTS;
+        t[i] = k < SOURCES - 1 ? c.foot[ray * SOURCES + k] + 0.01 * k : 0.3 * (k - 6);
+    }
+    const lf_tensor *direct =
+        lf_along_ray_regular(n.tape, c.k, &c.rays, c.foot, POINTS, t, spectrum.width);
+    const lf_tensor *back = lf_along_ray_inverse(n.tape, c.z, &types, N, POINTS, t, &spectrum);
+    assert_below(relative_error(back->value, direct->value, direct->size), EXACT ? 1e-9 : 1e-4);
+    close_net(&n);
+}
+
+/* Types (omega, w) turn by omega gamma + w tau. */
+static void irreducible_types_turn(void **state)
+{
+    (void)state;
+    const scene s = make_scene();
+    net n = open_net();
+    ray_case c = make_rays();
+    run_rays(n.tape, &n, &s, &c);
+    lf_tape *other = lf_tape_create();
+    const long waves = 2 * spectrum.half + 1;
+    for (int motion = 0; motion < 10; motion++) {
+        const lf_frame g = random_motion((uint64_t)motion, motion % 2 ? 1000 : 2);
+        ray_case m = c;
+        for (int i = 0; i < N; i++)
+            m.target[i] = lf_ray_move(&g, &c.target[i]);
+        for (int i = 0; i < SOURCES; i++)
+            m.source[i] = lf_ray_move(&g, &c.source[i]);
+        lf_tape_reset(other);
+        run_rays(other, &n, &s, &m);
+        double worst = 0, size = 0;
+        for (long r = 0; r < N * waves; r++) {
+            const lf_twist h = lf_ray_twist(&g, &c.target[r / waves]);
+            const double gamma = atan2(h.sine, h.cosine);
+            const double along = spectrum.step * (double)(r % waves - spectrum.half) * h.shift;
+            for (int k = 0; k < T; k++)
+                for (int i = 0; i < C; i++) {
+                    const long re = (r * 2 * T + 2 * k) * C + i, im = re + C;
+                    const double turn = types.omega[k] * gamma + along;
+                    const double x = (double)c.z->value[re], y = (double)c.z->value[im];
+                    const double e =
+                        hypot((double)m.z->value[re] - (cos(turn) * x - sin(turn) * y),
+                              (double)m.z->value[im] - (sin(turn) * x + cos(turn) * y));
+                    worst = larger(e, worst);
+                    size = larger(hypot(x, y), size);
+                }
+        }
+        assert_below(worst / size, layer_tolerance());
+    }
+    lf_tape_free(other);
+    close_net(&n);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -571,6 +687,8 @@ int main(void)
         cmocka_unit_test(no_view_and_one_view),
         cmocka_unit_test(copies_orders_and_sizes),
         cmocka_unit_test(keys_along_the_ray),
+        cmocka_unit_test(irreducible_types_are_the_transform_of_points),
+        cmocka_unit_test(irreducible_types_turn),
         cmocka_unit_test(weights_of_all_densities),
         cmocka_unit_test(empty_and_opaque_rays),
     };
