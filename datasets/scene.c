@@ -97,7 +97,7 @@ void lf_scene_leave_out(lf_scene *scene, const char *name, const char *reason, .
     scene->left_out[scene->left++] = (lf_left_out){strdup(name), strdup(text)};
 }
 
-void lf_scene_append(lf_scene *scene, const char *name, const char *path, const lf_view *view)
+void lf_scene_append(lf_scene *scene, const char *name, const char *path, const lf_scene_view *view)
 {
     scene->view = realloc(scene->view, (size_t)(scene->views + 1) * sizeof *scene->view);
     LF_REQUIRE(scene->view, "out of memory");
@@ -121,7 +121,7 @@ void lf_scene_add(lf_scene *scene, const char *name, const lf_camera *camera, do
     if (alpha)
         memcpy(alphas, alpha, pixels);
     lf_scene_append(scene, name, NULL,
-                    &(lf_view){NULL, NULL, *camera, near, far, alpha != NULL, split});
+                    &(lf_scene_view){NULL, NULL, *camera, near, far, alpha != NULL, split});
     lf_pictures_append(scene, 1);
     lf_pictures_give(scene, scene->views - 1, colours, alphas);
 }
@@ -134,7 +134,7 @@ static void guess_depths(lf_scene *scene)
     double focus[3];
     lf_scene_focus(scene, focus);
     for (long i = 0; i < scene->views; i++) {
-        lf_view *v = &scene->view[i];
+        lf_scene_view *v = &scene->view[i];
         double depth = 0;
         if (v->far > 0)
             continue;
@@ -157,7 +157,7 @@ static lf_status finish(lf_scene_reader *r, const char *path, lf_error *err)
                        scene->left ? scene->left_out[0].name : "", scene->left ? ": " : "",
                        scene->left ? scene->left_out[0].reason : "");
     for (long i = 0; i < scene->views; i++) {
-        lf_view *v = &scene->view[i];
+        lf_scene_view *v = &scene->view[i];
         if (!r->has_split)
             v->split = r->options->hold_out > 0 && i % r->options->hold_out == 0 ? LF_SPLIT_TEST
                                                                                  : LF_SPLIT_TRAIN;

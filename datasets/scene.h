@@ -54,14 +54,14 @@ typedef enum lf_scene_depths {
     LF_DEPTHS_GIVEN    /* by the options */
 } lf_scene_depths;
 
-typedef struct lf_view {
+typedef struct lf_scene_view {
     char *name;       /* unique within the scene */
     char *path;       /* of the picture; NULL: the pixels were given */
     lf_camera camera; /* of the picture as lf_scene_hold gives it, after reduction */
     double near, far; /* 0 <= near < far, world units along z */
     bool alpha;       /* the picture has alpha: lf_pixels.alpha is there */
     lf_scene_split split;
-} lf_view;
+} lf_scene_view;
 
 /* A frame without picture, or a picture without frame. */
 typedef struct lf_left_out {
@@ -73,7 +73,7 @@ typedef struct lf_scene {
     lf_scene_depths depths; /* the least certain of all views */
     char *folder;
     long views;
-    lf_view *view; /* [views] */
+    lf_scene_view *view; /* [views] */
     long left;
     lf_left_out *left_out; /* [left] */
     long points;
@@ -162,6 +162,33 @@ lf_status lf_scene_draw_sources(const lf_scene *scene, const lf_camera *target,
  * in front of the mean camera at twice the extent of the centres (1 if they coincide), and false.
  */
 bool lf_scene_focus(const lf_scene *scene, double out[3]);
+
+/* ---- are the poses right? ----------------------------------------------------------------- */
+
+typedef struct lf_line_fit {
+    long pairs, corners; /* looked at */
+    long matches;        /* corners with a clear match (correlation >= 0.85) in the other view */
+    double median;       /* distance of the matches from the epipolar lines, pixels; NaN: none */
+    double within_one;   /* share of them within one pixel */
+} lf_line_fit;
+
+enum { LF_FIT_REACH = 8 }; /* pixels on either side of a line; chance would give the median 4 */
+
+/* The point of view `to` within LF_FIT_REACH pixels of the epipolar line of pixel uv of view
+ * `from`, between near and far, whose 9 x 9 grey values correlate best. False: the line misses the
+ * picture or nothing correlates by 0.85. `off` is the distance from the line, by a parabola. */
+bool lf_scene_match(const lf_scene *scene, long from, const lf_pixels *from_pixels, long to,
+                    const lf_pixels *to_pixels, const double uv[2], double match[2], double *off);
+/* Strong corners, at most one a cell of columns x rows cells; uv [columns * rows][2]. Number. */
+long lf_scene_corners(const lf_pixels *pixels, int columns, int rows, double (*uv)[2]);
+/* Up to `pairs` views and their nearest others. */
+lf_status lf_scene_fit_lines(const lf_scene *scene, long pairs, lf_line_fit *out, lf_error *err);
+
+/* A picture of 1224 pixels' width: the cameras seen along the three axes of the world (train blue,
+ * val green, test red; lines from near to far); two pairs of views: corners of one, their epipolar
+ * lines from near to far in the other with the matches as squares, and each view's near and far
+ * rectangles as the other sees them. */
+lf_status lf_scene_draw(const lf_scene *scene, const char *png, lf_error *err);
 
 #ifdef __cplusplus
 }

@@ -125,7 +125,7 @@ lf_status lf_scene_add_frame(lf_scene_reader *reader, const lf_frame *f, lf_erro
     LF_TRY(fit_picture(f, factor, &c, width, height, err));
     LF_TRY(lf_camera_check(&c, f->where, err));
     lf_scene_append(scene, f->name, f->path,
-                    &(lf_view){NULL, NULL, c, f->near, f->far, channels % 2 == 0, f->split});
+                    &(lf_scene_view){NULL, NULL, c, f->near, f->far, channels % 2 == 0, f->split});
     lf_pictures_append(scene, factor);
     return LF_OK;
 }

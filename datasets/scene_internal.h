@@ -33,11 +33,15 @@ typedef struct lf_scene_reader {
 /* Check the frame and its picture's size, bring it to elf's conventions, append it. */
 lf_status lf_scene_add_frame(lf_scene_reader *reader, const lf_frame *frame, lf_error *err);
 /* Copies name and path; the rest is from *view. */
-void lf_scene_append(lf_scene *scene, const char *name, const char *path, const lf_view *view);
+void lf_scene_append(lf_scene *scene, const char *name, const char *path,
+                     const lf_scene_view *view);
 /* Of a 3x3 matrix. */
 double lf_determinant(const double m[9]);
 LF_PRINTF(3, 4)
 void lf_scene_leave_out(lf_scene *scene, const char *name, const char *reason, ...);
+
+/* The view nearest to another, not at the same place; -1: there is none. */
+long lf_scene_neighbour(const lf_scene *scene, long view);
 
 /* pictures: scene_pictures.c */
 void lf_pictures_append(lf_scene *scene, int factor);

@@ -115,7 +115,8 @@ static void reduce(const lf_image *image, const lf_camera *camera, picture *out)
 }
 
 /* The file may have changed since the scene was opened. */
-static lf_status check_image(const lf_view *view, int factor, const lf_image *image, lf_error *err)
+static lf_status check_image(const lf_scene_view *view, int factor, const lf_image *image,
+                             lf_error *err)
 {
     const bool alpha = image->channels % 2 == 0;
     if (image->width / factor == view->camera.width &&
@@ -127,7 +128,8 @@ static lf_status check_image(const lf_view *view, int factor, const lf_image *im
                    view->path, image->width, image->height, image->channels);
 }
 
-static lf_status load(struct lf_scene_pictures *p, const lf_view *view, picture *out, lf_error *err)
+static lf_status load(struct lf_scene_pictures *p, const lf_scene_view *view, picture *out,
+                      lf_error *err)
 {
     lf_image *image;
     LF_TRY(lf_image_read(view->path, &image, err));

@@ -28,7 +28,7 @@ static bool equal(double a, double b)
     return fabs(a - b) <= 1e-9 * (1 + fabs(b));
 }
 
-static lf_status check_view(const lf_scene *scene, lf_scene_layout layout, const lf_view *v,
+static lf_status check_view(const lf_scene *scene, lf_scene_layout layout, const lf_scene_view *v,
                             lf_error *err)
 {
     const lf_camera *c = &v->camera, *first = &scene->view[0].camera;
@@ -217,7 +217,7 @@ static json_t *matrix_of(const lf_camera *camera)
     return rows;
 }
 
-static json_t *frame_of(const lf_view *v, bool synthetic, const char *name)
+static json_t *frame_of(const lf_scene_view *v, bool synthetic, const char *name)
 {
     const lf_camera *c = &v->camera;
     char text[160];

@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "eval/check_data.h"
 #include "eval/compare.h"
 #include "eval/compare_images.h"
 #include "eval/equivariance.h"
@@ -18,6 +19,8 @@ static void print_help(FILE *out)
           "elf-eval --checkpoint F --check-equivariance N\n"
           "                                          what the trained model keeps of its symmetry\n"
           "elf-eval compare-meshes A B [options]     score mesh A (predicted) against B (truth)\n"
+          "elf-eval check-data PATH [--out F.png]    say what a folder of photographs is, draw\n"
+          "                                          its cameras and epipolar lines\n"
           "elf-eval compare-images A B [options]     PSNR, SSIM and LPIPS of two images\n"
           "\n"
           "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
@@ -316,8 +319,19 @@ static lf_status run_model(const arguments *a, lf_error *err)
     return status;
 }
 
+static lf_status run_check_data(const arguments *a, lf_error *err)
+{
+    static const int used[] = {OUT, THREADS, QUIET, 0};
+    if (a->words != 2)
+        return lf_fail(err, LF_BAD_INPUT, "check-data takes one folder of posed photographs");
+    LF_TRY(check_given(a, "check-data", used, err));
+    return lf_check_data(a->word[1], a->evaluate.out, a->evaluate.quiet ? NULL : stdout, err);
+}
+
 static lf_status run(const arguments *a, lf_error *err)
 {
+    if (a->words > 0 && strcmp(a->word[0], "check-data") == 0)
+        return run_check_data(a, err);
     if (a->words > 0 && strcmp(a->word[0], "compare-meshes") == 0)
         return run_compare(a, err);
     if (a->words > 0 && strcmp(a->word[0], "compare-images") == 0)
