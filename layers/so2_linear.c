@@ -7,7 +7,9 @@
  *
  * Shapes      x [.., P Ci], w [P, Ci, Co], b [Co] or NULL, y [.., P Co].
  * A map with A and B is what commutes with every turn; types never mix. The adjoint is a map of the
- * same kind, with A' and -B' in place of A and B.
+ * same kind, with A' and -B' in place of A and B. Channels are few, so rows run side by side:
+ * blocks of rows are transposed, and one vector holds one number of each; the gradient of the
+ * weights is kept a lane and joined at the end.
  */
 #include "layers/light_field.h"
 
@@ -16,55 +18,86 @@ typedef struct so2_linear {
     long in, out;
 } so2_linear;
 
-/* y += x w, and y += i x w with the signs given. x [ci], w [ci, co], y [co]. */
-static void add_product(long ci, long co, lf_real sign, const lf_real *x, const lf_real *w,
-                        lf_real *restrict y)
+/* One number of LANES rows side by side. */
+typedef lf_real lanes __attribute__((vector_size(64), may_alias));
+enum { LANES = 64 / sizeof(lf_real) };
+
+/* Rows of x [rows <= LANES, cols] as lanes [cols]; missing rows are 0. */
+static void gather(long rows, long cols, const lf_real *x, lanes *restrict out)
 {
-    for (long i = 0; i < ci; i++) {
-        const lf_real f = sign * x[i];
-        for (long o = 0; o < co; o++)
-            y[o] += f * w[i * co + o];
-    }
+    lf_real *t = (lf_real *)out;
+    if (rows < LANES)
+        memset(out, 0, (size_t)cols * sizeof *out);
+    for (long r = 0; r < rows; r++)
+        for (long c = 0; c < cols; c++)
+            t[c * LANES + r] = x[r * cols + c];
 }
 
-/* y += (A + i B) x for all types of one row. */
-static void add_map(const lf_types *types, long ci, long co, const lf_real *x, const lf_real *w,
-                    lf_real *restrict y)
+static void scatter_add(long rows, long cols, const lanes *x, lf_real *restrict out)
 {
-    const long size = ci * co;
-    add_product(ci, co, 1, x, w, y);
+    const lf_real *t = (const lf_real *)x;
+    for (long r = 0; r < rows; r++)
+        for (long c = 0; c < cols; c++)
+            out[r * cols + c] += t[c * LANES + r];
+}
+
+/* y = (A + i B) x for all types of LANES rows. x [P ci], w [P, ci, co], y [P co]. */
+static void map_lanes(const lf_types *types, long ci, long co, const lanes *x, const lf_real *w,
+                      lanes *restrict y)
+{
+    for (long o = 0; o < co; o++) {
+        lanes sum = {0};
+        for (long i = 0; i < ci; i++)
+            sum += w[i * co + o] * x[i];
+        y[o] = sum;
+    }
     for (int k = 1; k < types->count; k++) {
-        const long re = 2 * k - 1, im = 2 * k;
-        const lf_real *a = w + re * size, *b = w + im * size;
-        add_product(ci, co, 1, x + re * ci, a, y + re * co);
-        add_product(ci, co, -1, x + im * ci, b, y + re * co);
-        add_product(ci, co, 1, x + re * ci, b, y + im * co);
-        add_product(ci, co, 1, x + im * ci, a, y + im * co);
+        const lf_real *a = w + (2 * k - 1) * ci * co, *b = a + ci * co;
+        const lanes *xr = x + (2 * k - 1) * ci, *xi = xr + ci;
+        lanes *yr = y + (2 * k - 1) * co, *yi = yr + co;
+        for (long o = 0; o < co; o++) {
+            lanes re = {0}, im = {0};
+            for (long i = 0; i < ci; i++) {
+                const lf_real u = a[i * co + o], v = b[i * co + o];
+                re += u * xr[i] - v * xi[i];
+                im += v * xr[i] + u * xi[i];
+            }
+            yr[o] = re;
+            yi[o] = im;
+        }
     }
 }
 
-/* dw += sign x dy', an outer product. */
-static void add_outer(long ci, long co, lf_real sign, const lf_real *x, const lf_real *dy,
-                      lf_real *restrict dw)
+/* dw [P, ci, co] of LANES rows, each lane a sum of its own. */
+static void add_weight_gradient(const so2_linear *t, const lanes *x, const lanes *dy,
+                                lanes *restrict dw)
 {
-    for (long i = 0; i < ci; i++) {
-        const lf_real f = sign * x[i];
+    const long ci = t->in, co = t->out;
+    for (long i = 0; i < ci; i++)
         for (long o = 0; o < co; o++)
-            dw[i * co + o] += f * dy[o];
+            dw[i * co + o] += x[i] * dy[o];
+    for (int k = 1; k < t->types.count; k++) {
+        lanes *da = dw + (2 * k - 1) * ci * co, *db = da + ci * co;
+        const lanes *xr = x + (2 * k - 1) * ci, *xi = xr + ci;
+        const lanes *gr = dy + (2 * k - 1) * co, *gi = gr + co;
+        for (long i = 0; i < ci; i++) {
+            const lanes re = xr[i], im = xi[i];
+            for (long o = 0; o < co; o++) {
+                da[i * co + o] += re * gr[o] + im * gi[o];
+                db[i * co + o] += re * gi[o] - im * gr[o];
+            }
+        }
     }
 }
 
-static void add_weight_gradient(const so2_linear *t, const lf_real *x, const lf_real *dy,
-                                lf_real *restrict dw)
+/* out[i] += the sum of the lanes of x[i]. */
+static void add_lanes(long n, const lanes *x, lf_real *restrict out)
 {
-    const long ci = t->in, co = t->out, size = ci * co;
-    add_outer(ci, co, 1, x, dy, dw);
-    for (int k = 1; k < t->types.count; k++) {
-        const long re = 2 * k - 1, im = 2 * k;
-        add_outer(ci, co, 1, x + re * ci, dy + re * co, dw + re * size);
-        add_outer(ci, co, 1, x + im * ci, dy + im * co, dw + re * size);
-        add_outer(ci, co, 1, x + re * ci, dy + im * co, dw + im * size);
-        add_outer(ci, co, -1, x + im * ci, dy + re * co, dw + im * size);
+    for (long i = 0; i < n; i++) {
+        lf_real sum = 0;
+        for (int l = 0; l < LANES; l++)
+            sum += x[i][l];
+        out[i] += sum;
     }
 }
 
@@ -82,41 +115,65 @@ static lf_real *adjoint_weights(lf_tape *tape, const so2_linear *t, const lf_rea
     return adjoint;
 }
 
+/* Scalars are the first Co numbers of a row. */
+static void bias_backward(const lf_tensor *b, const lf_tensor *y)
+{
+    for (long r = 0; r < lf_rows(y); r++)
+        for (long o = 0; o < b->size; o++)
+            b->grad[o] += y->grad[r * lf_cols(y) + o];
+}
+
 static void backward(const lf_node *node)
 {
     const so2_linear *t = node->saved;
     const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2], *y = node->out[0];
-    const long rows = lf_rows(x), cols_in = lf_cols(x), cols_out = lf_cols(y);
+    const long rows = lf_rows(x), ci = lf_cols(x), co = lf_cols(y);
     const lf_real *adjoint = x->grad ? adjoint_weights(node->tape, t, w->value) : NULL;
-    for (long r = 0; r < rows; r++) {
-        const lf_real *dy = y->grad + r * cols_out;
-        if (x->grad)
-            add_map(&t->types, t->out, t->in, dy, adjoint, x->grad + r * cols_in);
-        if (w->grad)
-            add_weight_gradient(t, x->value + r * cols_in, dy, w->grad);
-        for (long o = 0; b && b->grad && o < t->out; o++)
-            b->grad[o] += dy[o];
+    lanes *lx = lf_alloc(node->tape, (size_t)(ci + co + w->size) * sizeof *lx);
+    lanes *ly = lx + ci, *dw = ly + co;
+    memset(dw, 0, (size_t)w->size * sizeof *dw);
+    for (long r = 0; r < rows; r += LANES) {
+        const long n = rows - r < LANES ? rows - r : LANES;
+        gather(n, co, y->grad + r * co, ly);
+        if (w->grad) {
+            gather(n, ci, x->value + r * ci, lx);
+            add_weight_gradient(t, lx, ly, dw);
+        }
+        if (x->grad) {
+            map_lanes(&t->types, t->out, t->in, ly, adjoint, lx);
+            scatter_add(n, ci, lx, x->grad + r * ci);
+        }
     }
+    if (w->grad)
+        add_lanes(w->size, dw, w->grad);
+    if (b && b->grad)
+        bias_backward(b, y);
 }
 
 lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *w,
                          lf_tensor *b)
 {
-    const long planes = lf_types_planes(types), cols = lf_cols(x), rows = lf_rows(x);
-    LF_REQUIRE(w->rank == 3 && w->dim[0] == planes && cols == planes * w->dim[1],
-               "lf_so2_linear: x [.., %ld], w of %ld planes, %d types", cols, w->dim[0],
+    const long planes = lf_types_planes(types), ci = lf_cols(x), rows = lf_rows(x);
+    LF_REQUIRE(w->rank == 3 && w->dim[0] == planes && ci == planes * w->dim[1],
+               "lf_so2_linear: x [.., %ld], w of %ld planes, %d types", ci, w->dim[0],
                types->count);
     LF_REQUIRE(!b || b->size == w->dim[2], "lf_so2_linear: b of %ld, not %ld", b->size, w->dim[2]);
     so2_linear *t = lf_alloc(tape, sizeof *t);
     *t = (so2_linear){*types, w->dim[1], w->dim[2]};
-    lf_tensor *y = lf_tensor_cols(tape, x, planes * t->out);
+    const long co = planes * t->out;
+    lf_tensor *y = lf_tensor_cols(tape, x, co);
+    const lf_mark mark = lf_tape_mark(tape);
+    lanes *lx = lf_alloc(tape, (size_t)(ci + co) * sizeof *lx), *ly = lx + ci;
     memset(y->value, 0, (size_t)y->size * sizeof *y->value);
-    for (long r = 0; r < rows; r++) {
-        lf_real *out = y->value + r * planes * t->out;
-        if (b)
-            memcpy(out, b->value, (size_t)t->out * sizeof *out);
-        add_map(types, t->in, t->out, x->value + r * cols, w->value, out);
+    for (long r = 0; b && r < rows; r++)
+        memcpy(y->value + r * co, b->value, (size_t)t->out * sizeof *y->value);
+    for (long r = 0; r < rows; r += LANES) {
+        const long n = rows - r < LANES ? rows - r : LANES;
+        gather(n, ci, x->value + r * ci, lx);
+        map_lanes(types, t->in, t->out, lx, w->value, ly);
+        scatter_add(n, co, ly, y->value + r * co);
     }
+    lf_tape_release(tape, mark);
     lf_record(tape, "so2_linear", backward, t, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }
