@@ -142,13 +142,13 @@ typedef enum lf_nearness {
 } lf_nearness;
 
 /* The `count` candidates nearest to the target, nearest first; ties by smaller index. `centre` is
- * needed for LF_NEAR_ANGLE and must be moved with the frame (method.md 5b.1). A candidate equal to
+ * needed for LF_NEAR_ANGLE and must be moved with the frame. A candidate equal to
  * `exclude` (-1: none) is left out. LF_BAD_INPUT: more asked for than there are. */
 lf_status lf_scene_nearest(const lf_scene *scene, const lf_camera *target, lf_nearness nearness,
                            const double centre[3], long candidates, const long *candidate,
                            long exclude, long count, long *out, lf_error *err);
 
-/* As IBRNet trains (method.md 5b.1): the pool is the nearest count x {1, 2, 3} with probability
+/* As IBRNet trains (Wang et al., 2021): the pool is the nearest count x {1, 2, 3} with probability
  * `pool[0..2]` (sum 1), cut at the number of candidates; `count` of it without replacement, in
  * order of nearness; with probability `include` the target itself (`exclude`) may be drawn. A
  * function of its arguments; `stream` names the draw. */

@@ -1,4 +1,4 @@
-/* scene_select.c: where the cameras look, and which views are near to another.  [method.md 5b.1] */
+/* scene_select.c: where the cameras look, and which views are near to another. */
 #include "datasets/scene_internal.h"
 
 /* Solve the symmetric 3x3 system m x = b by Cramer's rule; false if m is nearly singular. */
