@@ -8,68 +8,61 @@
  * conj(k or v),  dw_b += phi_b dc
  *
  * Shapes       q, k, v, y [N, S, P C], w [16, P C] for keys and values; depth [N, S] in [0, 1].
- * Keeps        the weights a [N, S, S, H]; profiles are computed again.
+ * Keeps        the weights a, the keys in blocks; profiles are computed again.
  * Masked       samples seen by less than two views are no keys: weight 0, no gradient.
  * Degenerate   a ray without keys gives zeros.
+ * Channels are few, so keys run side by side: a vector holds one number of each key of a block.
  */
 #include "layers/heads.h"
 #include "layers/light_field.h"
 
-enum { BASIS = LF_ALONG_BASIS, ROW = LF_PLANES_MAX * LF_HEAD_CHANNELS };
+/* One number of LANES keys side by side. */
+typedef lf_real lanes __attribute__((vector_size(64), may_alias));
+enum { LANES = 64 / sizeof(lf_real), BASIS = LF_ALONG_BASIS };
 
 typedef struct along {
     lf_light_geometry rays;
     long planes, c, n; /* n = planes c */
     int heads;
     lf_real scale;
-    lf_real *weight; /* [N, S, S, H] */
+    lf_real *weight;     /* [N, S, blocks, H, LANES] */
+    unsigned char *head; /* [n]: of each number of a row */
 } along;
 
-static void basis(lf_real distance, lf_real phi[BASIS])
+/* Working memory: of one ray, keys and values as lanes; of one block of keys the rest. */
+typedef struct work {
+    lanes *k, *v;           /* [blocks, n] */
+    lanes *dk, *dv;         /* [blocks, n] */
+    lanes *dkw, *dvw;       /* [BASIS, n], over all rays */
+    lanes *profile, *u, *g; /* [n] */
+    lanes *sum;             /* [n]: of a query */
+    lanes *dl;              /* [blocks, H] */
+} work;
+
+static long blocks_of(const along *t)
 {
-    const lf_real spacing = (lf_real)2 / (BASIS - 1);
-    for (int b = 0; b < BASIS; b++) {
-        const lf_real x = (distance + 1) / spacing - (lf_real)b;
-        phi[b] = x * x < 160 ? LF_EXP(-x * x / 2) : 0; /* no denormal numbers */
-    }
+    return (t->rays.samples + LANES - 1) / LANES;
 }
 
-/* c = 1 + sum_b w_b phi_b: real part 1, imaginary part 0 where all w are 0. */
-static void profile(const along *t, const lf_real phi[BASIS], const lf_real *w, lf_real *restrict c)
+static work make_work(lf_tape *tape, const along *t, bool backward)
 {
-    for (long p = 0; p < t->planes; p++)
-        for (long i = 0; i < t->c; i++)
-            c[p * t->c + i] = p == 0 || p % 2;
-    for (int b = 0; b < BASIS; b++)
-        for (long i = 0; i < t->n; i++)
-            c[i] += phi[b] * w[b * t->n + i];
-}
-
-/* out = a b per channel; scalars are real. */
-static void product(const along *t, const lf_real *a, const lf_real *b, lf_real *restrict out)
-{
-    const long c = t->c;
-    for (long i = 0; i < c; i++)
-        out[i] = a[i] * b[i];
-    for (long re = c, im = 2 * c; re < t->n; re += 2 * c, im += 2 * c)
-        for (long i = 0; i < c; i++) {
-            out[re + i] = a[re + i] * b[re + i] - a[im + i] * b[im + i];
-            out[im + i] = a[re + i] * b[im + i] + a[im + i] * b[re + i];
-        }
-}
-
-/* out += conj(a) b */
-static void add_conjugate_product(const along *t, const lf_real *a, const lf_real *b,
-                                  lf_real *restrict out)
-{
-    const long c = t->c;
-    for (long i = 0; i < c; i++)
-        out[i] += a[i] * b[i];
-    for (long re = c, im = 2 * c; re < t->n; re += 2 * c, im += 2 * c)
-        for (long i = 0; i < c; i++) {
-            out[re + i] += a[re + i] * b[re + i] + a[im + i] * b[im + i];
-            out[im + i] += a[re + i] * b[im + i] - a[im + i] * b[re + i];
-        }
+    const long n = t->n, blocks = blocks_of(t), all = blocks * n;
+    const long size =
+        2 * all + 4 * n + (backward ? 2 * all + 2 * BASIS * n + blocks * t->heads : 0);
+    lanes *x = lf_alloc(tape, (size_t)size * sizeof *x);
+    memset(x, 0, (size_t)size * sizeof *x);
+    work w = {.k = x, .v = x + all, .profile = x + 2 * all};
+    w.u = w.profile + n;
+    w.g = w.u + n;
+    w.sum = w.g + n;
+    if (!backward)
+        return w;
+    w.dk = w.sum + n;
+    w.dv = w.dk + all;
+    w.dkw = w.dv + all;
+    w.dvw = w.dkw + BASIS * n;
+    w.dl = w.dvw + BASIS * n;
+    return w;
 }
 
 static bool is_key(const along *t, long sample)
@@ -77,132 +70,240 @@ static bool is_key(const along *t, long sample)
     return t->rays.count->value[sample] >= LF_KEY_VIEWS;
 }
 
-/* The distance kernel's basis of the samples i and j (counted over all rays). */
-static void pair_basis(const along *t, long i, long j, lf_real phi[BASIS])
+/* Rows [samples, n] of the ray that starts at sample `first` to lanes [blocks, n]; no key: 0. */
+static void gather(const along *t, long first, const lf_real *x, lanes *restrict out)
 {
-    basis(t->rays.depth->value[j] - t->rays.depth->value[i], phi);
+    for (long j = 0; j < t->rays.samples; j++) {
+        const bool key = is_key(t, first + j);
+        const lf_real *row = x + (first + j) * t->n;
+        for (long i = 0; i < t->n; i++)
+            ((lf_real *)&out[j / LANES * t->n + i])[j % LANES] = key ? row[i] : 0;
+    }
 }
 
-/* Logits in place to weights, [S, H], over the keys of one ray. */
-static void softmax_keys(const along *t, long first, lf_real *a)
+static void scatter_add(const along *t, const lanes *x, lf_real *restrict out)
+{
+    for (long j = 0; j < t->rays.samples; j++)
+        for (long i = 0; i < t->n; i++)
+            out[j * t->n + i] += ((const lf_real *)&x[j / LANES * t->n + i])[j % LANES];
+}
+
+static lf_real sum_of(const lanes *x)
+{
+    lf_real sum = 0;
+    for (int l = 0; l < LANES; l++)
+        sum += (*x)[l];
+    return sum;
+}
+
+/* phi_b for one distance in units of the spacing, from centre 0 on: from the nearest centre
+ * outwards by phi_{b+1} = phi_b e^{x - b - 1/2}; what is below 1e-30 is 0. */
+static void gaussians(lf_real at, long lane, lanes phi[BASIS])
+{
+    const lf_real rounded = at < 0 ? 0 : at > BASIS - 1 ? BASIS - 1 : at + (lf_real)0.5;
+    const int near = (int)rounded;
+    const lf_real x = at - (lf_real)near, shrink = (lf_real)0.36787944117144233;
+    if (!(x * x < 100))
+        return;
+    const lf_real middle = LF_EXP(-x * x / 2);
+    phi[near][lane] = middle;
+    for (int side = -1; side <= 1; side += 2) {
+        lf_real value = middle, ratio = LF_EXP((lf_real)side * x - (lf_real)0.5);
+        for (int b = near + side; b >= 0 && b < BASIS && value > (lf_real)1e-30; b += side) {
+            value *= ratio;
+            ratio *= shrink;
+            phi[b][lane] = value;
+        }
+    }
+}
+
+/* phi_b of the sample i (counted over all rays) and a block of keys; 0 for keys past the last. */
+static void basis(const along *t, long i, long block, lanes phi[BASIS])
+{
+    const lf_real spacing = (lf_real)2 / (BASIS - 1), *depth = t->rays.depth->value;
+    const long samples = t->rays.samples, first = i / samples * samples;
+    memset(phi, 0, BASIS * sizeof *phi);
+    for (long l = 0; l < LANES && block * LANES + l < samples; l++)
+        gaussians((depth[first + block * LANES + l] - depth[i] + 1) / spacing, l, phi);
+}
+
+/* c = 1 + sum_b w_b phi_b: real part 1, imaginary part 0 where all w are 0. */
+static void make_profile(const along *t, const lanes phi[BASIS], const lf_real *w,
+                         lanes *restrict c)
+{
+    const lanes none = {0};
+    for (long i = 0; i < t->n; i++) {
+        const long p = i / t->c;
+        lanes sum = none + (lf_real)(p == 0 || p % 2);
+        for (int b = 0; b < BASIS; b++)
+            sum += w[b * t->n + i] * phi[b];
+        c[i] = sum;
+    }
+}
+
+/* out = a b per channel; scalars are real. */
+static void product(const along *t, const lanes *a, const lanes *b, lanes *restrict out)
+{
+    const long c = t->c;
+    for (long i = 0; i < c; i++)
+        out[i] = a[i] * b[i];
+    for (long first = c; first < t->n; first += 2 * c)
+        for (long re = first, im = first + c; re < first + c; re++, im++) {
+            out[re] = a[re] * b[re] - a[im] * b[im];
+            out[im] = a[re] * b[im] + a[im] * b[re];
+        }
+}
+
+/* out += conj(a) b */
+static void add_conjugate_product(const along *t, const lanes *a, const lanes *b,
+                                  lanes *restrict out)
+{
+    const long c = t->c;
+    for (long i = 0; i < c; i++)
+        out[i] += a[i] * b[i];
+    for (long first = c; first < t->n; first += 2 * c)
+        for (long re = first, im = first + c; re < first + c; re++, im++) {
+            out[re] += a[re] * b[re] + a[im] * b[im];
+            out[im] += a[re] * b[im] - a[im] * b[re];
+        }
+}
+
+/* sums[h] = <x, u> per key and head, x the same for all keys. */
+static void head_products(const along *t, const lf_real *x, const lanes *u, lanes *restrict sums)
+{
+    memset(sums, 0, (size_t)t->heads * sizeof *sums);
+    for (long i = 0; i < t->n; i++)
+        sums[t->head[i]] += x[i] * u[i];
+}
+
+/* Logits [blocks, H] of one query to weights, over the keys of its ray. */
+static void softmax_keys(const along *t, long first, lanes *a)
 {
     const int heads = t->heads;
     for (int h = 0; h < heads; h++) {
         lf_real largest = -INFINITY, sum = 0;
         for (long j = 0; j < t->rays.samples; j++)
-            if (is_key(t, first + j) && a[j * heads + h] > largest)
-                largest = a[j * heads + h];
+            if (is_key(t, first + j) && a[j / LANES * heads + h][j % LANES] > largest)
+                largest = a[j / LANES * heads + h][j % LANES];
         for (long j = 0; j < t->rays.samples; j++) {
-            lf_real *x = &a[j * heads + h];
+            lf_real *x = (lf_real *)&a[j / LANES * heads + h] + j % LANES;
             *x = is_key(t, first + j) ? LF_EXP(*x - largest) : 0;
             sum += *x;
         }
-        for (long j = 0; sum > 0 && j < t->rays.samples; j++)
-            a[j * heads + h] /= sum;
+        for (long k = 0; sum > 0 && k < blocks_of(t); k++)
+            a[k * heads + h] /= sum;
     }
+}
+
+static lanes *weights_of(const along *t, long i)
+{
+    return (lanes *)t->weight + i * blocks_of(t) * t->heads;
 }
 
 /* in: q, k, v, key profile, value profile. */
-static void forward_point(const along *t, long i, lf_tensor *const *in, lf_real *y)
+static void forward_point(const along *t, const work *w, long i, lf_tensor *const *in, lf_real *y)
 {
-    const long samples = t->rays.samples, first = i / samples * samples, n = t->n;
-    lf_real *a = t->weight + i * samples * t->heads, phi[BASIS], c[ROW], u[ROW];
-    memset(a, 0, (size_t)(samples * t->heads) * sizeof *a);
-    memset(y, 0, (size_t)n * sizeof *y);
-    for (long j = 0; j < samples; j++) {
-        if (!is_key(t, first + j))
-            continue;
-        pair_basis(t, i, first + j, phi);
-        profile(t, phi, in[3]->value, c);
-        product(t, c, in[1]->value + (first + j) * n, u);
-        lf_head_products(t->planes, t->c, t->heads, in[0]->value + i * n, u, a + j * t->heads);
+    const long blocks = blocks_of(t), n = t->n;
+    lanes *a = weights_of(t, i), phi[BASIS];
+    for (long k = 0; k < blocks; k++) {
+        basis(t, i, k, phi);
+        make_profile(t, phi, in[3]->value, w->profile);
+        product(t, w->profile, w->k + k * n, w->u);
+        head_products(t, in[0]->value + i * n, w->u, a + k * t->heads);
         for (int h = 0; h < t->heads; h++)
-            a[j * t->heads + h] *= t->scale;
+            a[k * t->heads + h] *= t->scale;
     }
-    softmax_keys(t, first, a);
-    for (long j = 0; j < samples; j++) {
-        if (!is_key(t, first + j))
-            continue;
-        pair_basis(t, i, first + j, phi);
-        profile(t, phi, in[4]->value, c);
-        product(t, c, in[2]->value + (first + j) * n, u);
-        lf_head_add(t->planes, t->c, t->heads, a + j * t->heads, u, y);
+    softmax_keys(t, i / t->rays.samples * t->rays.samples, a);
+    memset(w->sum, 0, (size_t)n * sizeof *w->sum);
+    for (long k = 0; k < blocks; k++) {
+        basis(t, i, k, phi);
+        make_profile(t, phi, in[4]->value, w->profile);
+        product(t, w->profile, w->v + k * n, w->u);
+        for (long p = 0; p < n; p++)
+            w->sum[p] += a[k * t->heads + t->head[p]] * w->u[p];
     }
+    for (long p = 0; p < n; p++)
+        y[p] = sum_of(&w->sum[p]);
 }
 
-/* Adjoint of u = c(D) x for one pair, given the gradient g of u per row. */
-static void kernel_backward(const along *t, const lf_real phi[BASIS], const lf_real *c,
-                            const lf_real *x, const lf_real *g, lf_real *dx, lf_real *dw)
+/* Adjoint of u = c(D) x for one query and block, given the gradient g of u. */
+static void kernel_backward(const along *t, const work *w, const lanes phi[BASIS], const lanes *x,
+                            lanes *dx, lanes *restrict dw)
 {
-    lf_real dc[ROW];
-    if (dx)
-        add_conjugate_product(t, c, g, dx);
-    if (!dw)
-        return;
-    memset(dc, 0, (size_t)t->n * sizeof *dc);
-    add_conjugate_product(t, x, g, dc);
+    add_conjugate_product(t, w->profile, w->g, dx);
+    memset(w->u, 0, (size_t)t->n * sizeof *w->u);
+    add_conjugate_product(t, x, w->g, w->u);
     for (int b = 0; b < BASIS; b++)
         for (long i = 0; i < t->n; i++)
-            dw[b * t->n + i] += phi[b] * dc[i];
+            dw[b * t->n + i] += phi[b] * w->u[i];
 }
 
-/* Values of the pair (i, j): dl [H] becomes da, and the values and their profile get gradients. */
-static void value_backward(const along *t, const lf_node *node, long i, long j, const lf_real *a,
-                           lf_real *da)
+/* g = numbers per key and head times a row that all keys share. */
+static void spread(const along *t, const lanes *number, const lf_real *x, lanes *restrict g)
 {
-    const lf_tensor *v = node->in[2], *w = node->in[4];
-    const lf_real *dy = node->out[0]->grad + i * t->n, *x = v->value + j * t->n;
-    lf_real phi[BASIS], c[ROW], u[ROW], g[ROW];
-    pair_basis(t, i, j, phi);
-    profile(t, phi, w->value, c);
-    product(t, c, x, u);
-    lf_head_products(t->planes, t->c, t->heads, dy, u, da);
-    memset(g, 0, (size_t)t->n * sizeof *g);
-    lf_head_add(t->planes, t->c, t->heads, a, dy, g);
-    kernel_backward(t, phi, c, x, g, v->grad ? v->grad + j * t->n : NULL, w->grad);
+    for (long p = 0; p < t->n; p++)
+        g[p] = number[t->head[p]] * x[p];
 }
 
-/* Query and key of the pair (i, j), given dl [H]. */
-static void key_backward(const along *t, const lf_node *node, long i, long j, const lf_real *dl)
+static void backward_point(const along *t, const work *w, const lf_node *node, long i)
 {
-    const lf_tensor *q = node->in[0], *k = node->in[1], *w = node->in[3];
-    const lf_real *x = k->value + j * t->n;
-    lf_real phi[BASIS], c[ROW], u[ROW], g[ROW];
-    pair_basis(t, i, j, phi);
-    profile(t, phi, w->value, c);
-    if (q->grad) {
-        product(t, c, x, u);
-        lf_head_add(t->planes, t->c, t->heads, dl, u, q->grad + i * t->n);
+    const long blocks = blocks_of(t), n = t->n;
+    const int heads = t->heads;
+    const lanes *a = weights_of(t, i);
+    const lf_real *q = node->in[0]->value + i * n, *dy = node->out[0]->grad + i * n;
+    lanes phi[BASIS];
+    lf_real pull[LF_HEAD_CHANNELS] = {0};
+    for (long k = 0; k < blocks; k++) {
+        basis(t, i, k, phi);
+        make_profile(t, phi, node->in[4]->value, w->profile);
+        product(t, w->profile, w->v + k * n, w->u);
+        head_products(t, dy, w->u, w->dl + k * heads);
+        for (int h = 0; h < heads; h++) {
+            const lanes share = a[k * heads + h] * w->dl[k * heads + h];
+            pull[h] += sum_of(&share);
+        }
+        spread(t, a + k * heads, dy, w->g);
+        kernel_backward(t, w, phi, w->v + k * n, w->dv + k * n, w->dvw);
     }
-    memset(g, 0, (size_t)t->n * sizeof *g);
-    lf_head_add(t->planes, t->c, t->heads, dl, q->value + i * t->n, g);
-    kernel_backward(t, phi, c, x, g, k->grad ? k->grad + j * t->n : NULL, w->grad);
+    memset(w->sum, 0, (size_t)n * sizeof *w->sum);
+    for (long k = 0; k < blocks; k++) {
+        lanes *dl = w->dl + k * heads;
+        for (int h = 0; h < heads; h++)
+            dl[h] = t->scale * a[k * heads + h] * (dl[h] - pull[h]);
+        basis(t, i, k, phi);
+        make_profile(t, phi, node->in[3]->value, w->profile);
+        product(t, w->profile, w->k + k * n, w->u);
+        for (long p = 0; p < n; p++)
+            w->sum[p] += dl[t->head[p]] * w->u[p];
+        spread(t, dl, q, w->g);
+        kernel_backward(t, w, phi, w->k + k * n, w->dk + k * n, w->dkw);
+    }
+    for (long p = 0; node->in[0]->grad && p < n; p++)
+        node->in[0]->grad[i * n + p] += sum_of(&w->sum[p]);
 }
 
 static void backward(const lf_node *node)
 {
     const along *t = node->saved;
-    const long samples = t->rays.samples;
-    const int heads = t->heads;
-    lf_real *dl = lf_alloc_reals(node->tape, samples * heads);
-    for (long i = 0; i < t->rays.rays * samples; i++) {
-        const long first = i / samples * samples;
-        const lf_real *a = t->weight + i * samples * heads;
-        lf_real pull[LF_HEAD_CHANNELS] = {0};
-        for (long j = 0; j < samples; j++) {
-            if (!is_key(t, first + j))
-                continue;
-            value_backward(t, node, i, first + j, a + j * heads, dl + j * heads);
-            for (int h = 0; h < heads; h++)
-                pull[h] += a[j * heads + h] * dl[j * heads + h];
-        }
-        for (long j = 0; j < samples; j++) {
-            if (!is_key(t, first + j))
-                continue;
-            for (int h = 0; h < heads; h++)
-                dl[j * heads + h] = t->scale * a[j * heads + h] * (dl[j * heads + h] - pull[h]);
-            key_backward(t, node, i, first + j, dl + j * heads);
-        }
+    const long samples = t->rays.samples, n = t->n, all = blocks_of(t) * n;
+    const work w = make_work(node->tape, t, true);
+    lf_tensor *const *in = node->in;
+    for (long r = 0; r < t->rays.rays; r++) {
+        gather(t, r * samples, in[1]->value, w.k);
+        gather(t, r * samples, in[2]->value, w.v);
+        memset(w.dk, 0, (size_t)(2 * all) * sizeof *w.dk); /* and dv */
+        for (long i = r * samples; i < (r + 1) * samples; i++)
+            backward_point(t, &w, node, i);
+        if (in[1]->grad)
+            scatter_add(t, w.dk, in[1]->grad + r * samples * n);
+        if (in[2]->grad)
+            scatter_add(t, w.dv, in[2]->grad + r * samples * n);
+    }
+    for (long p = 0; p < BASIS * n; p++) {
+        if (in[3]->grad)
+            in[3]->grad[p] += sum_of(&w.dkw[p]);
+        if (in[4]->grad)
+            in[4]->grad[p] += sum_of(&w.dvw[p]);
     }
 }
 
@@ -227,14 +328,25 @@ lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_
     const long planes = lf_types_planes(&rays->types), c = lf_cols(q) / planes;
     const long points = rays->rays * rays->samples;
     along *t = lf_alloc(tape, sizeof *t);
-    *t = (along){*rays, planes, c, planes * c, heads, 0, NULL};
+    *t = (along){*rays, planes, c, planes * c, heads, 0, NULL, NULL};
     lf_tensor *in[] = {q, k, v, key_profile, value_profile};
     require_shapes(t, in);
     t->scale = (lf_real)(1 / sqrt((double)t->n / heads));
-    t->weight = lf_alloc_reals(tape, points * rays->samples * heads);
+    t->head = lf_alloc(tape, (size_t)t->n);
+    for (long i = 0; i < t->n; i++)
+        t->head[i] = (unsigned char)(i % c * heads / c);
+    t->weight = lf_alloc_reals(tape, points * blocks_of(t) * LANES * heads);
     lf_tensor *y = lf_tensor_like(tape, q);
-    for (long i = 0; i < points; i++)
-        forward_point(t, i, in, y->value + i * t->n);
+    const lf_mark mark = lf_tape_mark(tape);
+    const work w = make_work(tape, t, false);
+    for (long i = 0; i < points; i++) {
+        if (i % rays->samples == 0) {
+            gather(t, i, k->value, w.k);
+            gather(t, i, v->value, w.v);
+        }
+        forward_point(t, &w, i, in, y->value + i * t->n);
+    }
+    lf_tape_release(tape, mark);
     lf_record(tape, "along_ray_attention", backward, t, 5, in, 1, &y);
     return y;
 }
