@@ -175,6 +175,20 @@ static int along_ray(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_te
     return 1;
 }
 
+/* 19 samples of one ray: more than one block of keys. */
+static int along_long_ray(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    lf_tensor *count = lf_tensor_new(tape, 2, LF_DIMS(1, 19)), *depth = lf_tensor_like(tape, count);
+    for (int i = 0; i < 19; i++) {
+        count->value[i] = (lf_real)(i % 5);
+        depth->value[i] = (lf_real)(i + 0.3 * (i % 3)) / 20;
+    }
+    const lf_light_geometry g = {1, 19, 1, types, NULL, NULL, NULL, count, depth};
+    out[0] = lf_along_ray_attention(tape, in[0], in[1], in[2], in[3], in[4], &g, 1);
+    return 1;
+}
+
 static int along_ray_layer(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     const lf_light_geometry g = geometry(tape);
@@ -257,7 +271,7 @@ static int volume_opaque(lf_tape *tape, lf_store *store, lf_tensor *const *in, l
 #define PROFILE X(LF_ALONG_BASIS, P *C)
 
 const op_case light_field_cases[] = {
-    {"so2_linear", linear, {X(6, P *C), X(P, C, 3), X(3)}, 3, 0},
+    {"so2_linear", linear, {X(21, P *C), X(P, C, 3), X(3)}, 3, 0},
     {"so2_concat", concat, {X(6, P *C), X(6, P * 3)}, 2, 0},
     {"so2_invariants", invariants, {X(6, P *C)}, 1, 0},
     {"so2_invariants: zeros", invariants, {FILLED(FILL_ZERO, 2, P *C)}, 1, 0},
@@ -272,6 +286,11 @@ const op_case light_field_cases[] = {
     {"blend_views", blend, {X(N, S, V), X(N, S, V, 3)}, 2, 0},
     {"cross attention layer", cross_attention_layer, {X(N, S, V, F), X(N, S, P *C)}, 2, 0},
     {"along_ray_attention", along_ray, {ROWS, ROWS, ROWS, PROFILE, PROFILE}, 5, 0},
+    {"along_ray_attention: long ray",
+     along_long_ray,
+     {X(19, P *C), X(19, P *C), X(19, P *C), PROFILE, PROFILE},
+     5,
+     0},
     {"along ray layer", along_ray_layer, {ROWS}, 1, 0},
     {"along_ray: spectrum, inverse, regular",
      fourier,

@@ -483,93 +483,6 @@ static void keys_along_the_ray(void **state)
     lf_tape_free(tape);
 }
 
-/* ---- volume rendering ---- */
-
-enum { MOST = 1024 };
-
-/* Colours and weights in double, straight from the definition. */
-static void reference_volume(long n, const lf_real *sigma, const lf_real *colour, double *weight,
-                             double out[3])
-{
-    long double sum = 0;
-    for (int a = 0; a < 3; a++)
-        out[a] = 0;
-    for (long i = 0; i < n; i++) {
-        weight[i] = (double)(expl(-sum) * -expm1l(-(long double)sigma[i]));
-        for (int a = 0; a < 3; a++)
-            out[a] += weight[i] * (double)colour[3 * i + a];
-        sum += (long double)sigma[i];
-    }
-}
-
-static lf_rendered render(lf_tape *tape, long n, lf_real *sigma, lf_real *colour, lf_real *depth,
-                          bool white)
-{
-    return lf_volume(tape, lf_leaf(tape, 2, LF_DIMS(1, n), sigma, NULL),
-                     lf_leaf(tape, 3, LF_DIMS(1, n, 3), colour, NULL),
-                     lf_leaf(tape, 2, LF_DIMS(1, n), depth, NULL), white);
-}
-
-/* Densities of every size between 0 and 1e6, 1 to 1024 samples. */
-static void weights_of_all_densities(void **state)
-{
-    (void)state;
-    static const double scale[] = {0, 1e-9, 1e-4, 1, 30, 1e6};
-    lf_real sigma[MOST], colour[3 * MOST], depth[MOST];
-    double weight[MOST], expected[3];
-    const double tolerance = EXACT ? 1e-14 : 1e-6;
-    lf_tape *tape = lf_tape_create();
-    for (long n = 1; n <= MOST; n *= 2)
-        for (int kind = 0; kind < 7; kind++) {
-            lf_stream r = lf_stream_at((uint64_t)n, LF_RANDOM_TEST, 22, (uint64_t)kind);
-            for (long i = 0; i < n; i++) {
-                const double size = scale[kind < 6 ? kind : lf_index(&r, 6)];
-                sigma[i] = (lf_real)(size * lf_uniform(&r));
-                depth[i] = (lf_real)(2 + (double)i / MOST);
-                for (int a = 0; a < 3; a++)
-                    colour[3 * i + a] = (lf_real)lf_uniform(&r);
-            }
-            lf_tape_reset(tape);
-            const lf_rendered black = render(tape, n, sigma, colour, depth, false);
-            const lf_rendered white = render(tape, n, sigma, colour, depth, true);
-            reference_volume(n, sigma, colour, weight, expected);
-            double opacity = 0, middle = 0;
-            for (long i = 0; i < n; i++) {
-                assert_close(black.weight->value[i], weight[i], EXACT ? 1e-10 : 1e-5, 1e-30);
-                opacity += weight[i];
-                middle += weight[i] * (double)depth[i];
-            }
-            for (int a = 0; a < 3; a++) {
-                assert_close(black.colour->value[a], expected[a], 0, tolerance);
-                assert_close(white.colour->value[a], expected[a] + 1 - opacity, 0, tolerance);
-            }
-            assert_close(black.depth->value[0], middle, 0, 3 * tolerance);
-        }
-    lf_tape_free(tape);
-}
-
-/* Exact: nothing there is the background, an opaque sample behind nothing is its colour. */
-static void empty_and_opaque_rays(void **state)
-{
-    (void)state;
-    lf_tape *tape = lf_tape_create();
-    lf_real sigma[4] = {0, 0, 0, 0}, colour[12], depth[4] = {1, 2, 3, 4};
-    for (int i = 0; i < 12; i++)
-        colour[i] = (lf_real)(i / 16.0);
-    assert_true(render(tape, 4, sigma, colour, depth, false).colour->value[1] == 0);
-    assert_true(render(tape, 4, sigma, colour, depth, true).colour->value[1] == 1);
-    sigma[2] = (lf_real)1e6;
-    sigma[3] = 5;
-    for (int white = 0; white < 2; white++) {
-        const lf_rendered r = render(tape, 4, sigma, colour, depth, white);
-        for (int a = 0; a < 3; a++)
-            assert_true(r.colour->value[a] == colour[6 + a]);
-        assert_true(r.depth->value[0] == 3);
-        assert_true(r.weight->value[3] < 1e-30);
-    }
-    lf_tape_free(tape);
-}
-
 /* ---- irreducible translation types ---- */
 
 enum { SOURCES = 6, POINTS = 9 };
@@ -704,8 +617,6 @@ int main(void)
         cmocka_unit_test(keys_along_the_ray),
         cmocka_unit_test(irreducible_types_are_the_transform_of_points),
         cmocka_unit_test(irreducible_types_turn),
-        cmocka_unit_test(weights_of_all_densities),
-        cmocka_unit_test(empty_and_opaque_rays),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
