@@ -133,7 +133,8 @@ bool lf_scene_match(const lf_scene *scene, long from, const lf_pixels *from_pixe
                            end[0][1] + along * y + s * across[1]);
     }
     const double bend = c[0] - 2 * c[1] + c[2];
-    *off = ((double)side + (bend < 0 ? 0.5 * (c[0] - c[2]) / bend : 0)) * step;
+    const double top = bend < 0 ? 0.5 * (c[0] - c[2]) / bend : 0;
+    *off = ((double)side + fmin(0.5, fmax(-0.5, top))) * step;
     for (int k = 0; k < 2; k++)
         match[k] = end[0][k] + along * (k ? y : x) + *off * across[k];
     return true;

@@ -63,8 +63,12 @@ static void print_fit(FILE *out, const lf_scene *scene, const lf_line_fit *fit)
             "pixels from the line, %.0f %% within 1 (chance: 4 pixels, 12 %%)\n",
             "epipolar", fit->matches, fit->corners, fit->pairs, fit->median, 100 * fit->within_one);
     else
-        fprintf(out, "%-12sno corner of %ld is found again: nothing can be said\n", "epipolar",
-                fit->corners);
+        fprintf(out, "%-12sno corner of %ld is found again\n", "epipolar", fit->corners);
+    if (fit->corners >= 20 && (fit->matches * 10 < fit->corners || !(fit->median <= 1)))
+        fprintf(out,
+                "%-12spoor: poses, axes or focal lengths may be wrong (or the views lie too far "
+                "apart, or have little texture); look at the picture (--out F.png)\n",
+                "verdict");
 }
 
 static void print_left_out(FILE *out, const lf_scene *scene)
