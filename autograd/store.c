@@ -143,5 +143,6 @@ lf_real *lf_grads(const lf_parameter *p)
 
 void lf_store_zero_grads(lf_store *store)
 {
-    memset(store->grad, 0, (size_t)store->size * sizeof(lf_real));
+    if (store->size)
+        memset(store->grad, 0, (size_t)store->size * sizeof(lf_real));
 }
