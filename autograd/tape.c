@@ -6,9 +6,7 @@
  */
 #include <stdalign.h>
 #include "autograd/autograd.h"
-#ifdef __GLIBC__
-#include <malloc.h>
-#endif
+#include <sys/mman.h>
 
 enum {
     ALIGNMENT = 64,
@@ -45,10 +43,17 @@ struct lf_tape {
     char nonfinite[64];
 };
 
+/* From the system and back to it: malloc would keep joined blocks beside their successor. */
+static void block_free(block *b)
+{
+    munmap(b, sizeof(block) + b->size);
+}
+
 static block *block_create(size_t size)
 {
-    block *b = aligned_alloc(ALIGNMENT, sizeof(block) + size);
-    LF_REQUIRE(b, "out of memory: %zu bytes for a tape", size);
+    block *b = mmap(NULL, sizeof(block) + size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS,
+                    -1, 0);
+    LF_REQUIRE(b != MAP_FAILED, "out of memory: %zu bytes for a tape", size);
     b->next = NULL;
     b->size = size;
     return b;
@@ -66,7 +71,7 @@ static void free_blocks(lf_tape *tape)
 {
     while (tape->blocks) {
         block *next = tape->blocks->next;
-        free(tape->blocks);
+        block_free(tape->blocks);
         tape->blocks = next;
     }
     tape->used = tape->older = 0;
@@ -86,9 +91,6 @@ void lf_tape_reset(lf_tape *tape)
     const size_t total = tape->blocks ? tape->older + tape->blocks->size : 0;
     if (tape->blocks && (tape->blocks->next || total < tape->peak)) {
         free_blocks(tape);
-#ifdef __GLIBC__
-        malloc_trim(0); /* it would keep what was freed beside the new block */
-#endif
         tape->blocks = block_create(total > tape->peak ? total : tape->peak);
     }
     tape->used = tape->older = 0;
@@ -158,7 +160,7 @@ void lf_tape_release(lf_tape *tape, lf_mark mark)
         block *newest = tape->blocks;
         tape->blocks = newest->next;
         tape->older -= tape->blocks ? tape->blocks->size : 0;
-        free(newest);
+        block_free(newest);
     }
     tape->used = mark.used;
 }
