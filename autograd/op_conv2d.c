@@ -20,13 +20,14 @@ typedef struct kept {
     lf_activation act;
 } kept;
 
-/* dy where y is positive, in fresh memory. */
-static const lf_real *masked(lf_tape *tape, const lf_tensor *y)
+/* The gradient behind the activation, in fresh memory. */
+static const lf_real *behind(lf_tape *tape, const lf_tensor *y, lf_activation act)
 {
+    const long images = y->dim[0], n = y->size / (images ? images : 1);
     lf_real *g = lf_alloc_reals(tape, y->size);
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < y->size; i++)
-        g[i] = y->value[i] > 0 ? y->grad[i] : 0;
+    for (long i = 0; i < images; i++)
+        lf_kernel_activation_dz(n, act, y->value + i * n, y->grad + i * n, g + i * n);
     return g;
 }
 
@@ -35,7 +36,7 @@ static void backward(const lf_node *node)
     const kept *k = node->saved;
     const lf_tensor *y = node->out[0];
     lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
-    const lf_real *g = k->act == LF_RELU ? masked(node->tape, y) : y->grad;
+    const lf_real *g = k->act == LF_IDENTITY ? y->grad : behind(node->tape, y, k->act);
     lf_real *scratch = lf_alloc_reals(node->tape, lf_conv_scratch(&k->shape));
     if (w->grad)
         lf_kernel_conv_dw(&k->shape, x->value, g, w->grad, b ? b->grad : NULL, scratch);
@@ -61,8 +62,14 @@ lf_tensor *lf_conv2d(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lo
     lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(s->images, s->out_height, s->out_width, s->out));
     const lf_mark mark = lf_tape_mark(tape);
     lf_real *scratch = lf_alloc_reals(tape, lf_conv_scratch(s));
-    lf_kernel_conv(s, x->value, w->value, b ? b->value : NULL, act, y->value, scratch);
+    const bool fused = lf_activation_fused(act);
+    lf_kernel_conv(s, x->value, w->value, b ? b->value : NULL, fused ? act : LF_IDENTITY, y->value,
+                   scratch);
     lf_tape_release(tape, mark);
+    const long n = y->size / (s->images ? s->images : 1);
+#pragma omp parallel for schedule(static)
+    for (long i = 0; i < (fused ? 0 : s->images); i++)
+        lf_kernel_activate(n, act, y->value + i * n);
     lf_record(tape, "conv2d", backward, k, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

@@ -1,10 +1,9 @@
-/* op_elementwise.c: add, multiply, scale, ReLU, sigmoid, number by number.
+/* op_elementwise.c: add, multiply, scale, ReLU, ELU, sigmoid, number by number.
  *
  *   add        y = a + b          da += dy, db += dy
  *   multiply   y = a b            da += dy b, db += dy a
  *   scale      y = f a            da += f dy
- *   relu       y = max(a, 0)      da += dy where y > 0
- *   sigmoid    y = 1 / (1 + e^-a) da += dy y (1 - y)
+ *   relu, elu, sigmoid            kernels/activation.c
  */
 #include "autograd/ops.h"
 
@@ -73,38 +72,38 @@ lf_tensor *lf_scale(lf_tape *tape, lf_tensor *a, lf_real factor)
     return y;
 }
 
-static void relu_backward(const lf_node *node)
+static void activation_backward(const lf_node *node)
 {
     lf_tensor *x = node->in[0];
     const lf_tensor *y = node->out[0];
+    lf_real *dz = lf_alloc_reals(node->tape, y->size);
+    lf_kernel_activation_dz(y->size, *(const lf_activation *)node->saved, y->value, y->grad, dz);
     for (long i = 0; i < x->size; i++)
-        x->grad[i] += y->value[i] > 0 ? y->grad[i] : 0;
+        x->grad[i] += dz[i];
+}
+
+static lf_tensor *activation(lf_tape *tape, const char *op, lf_tensor *x, lf_activation act)
+{
+    lf_tensor *y = lf_tensor_like(tape, x);
+    memcpy(y->value, x->value, (size_t)x->size * sizeof *y->value);
+    lf_kernel_activate(y->size, act, y->value);
+    lf_activation *saved = lf_alloc(tape, sizeof *saved);
+    *saved = act;
+    lf_record(tape, op, activation_backward, saved, LF_IN(x), LF_OUT(y));
+    return y;
 }
 
 lf_tensor *lf_relu(lf_tape *tape, lf_tensor *x)
 {
-    lf_tensor *y = lf_tensor_like(tape, x);
-    for (long i = 0; i < y->size; i++)
-        y->value[i] = x->value[i] < 0 ? 0 : x->value[i]; /* NaN stays NaN */
-    lf_record(tape, "relu", relu_backward, NULL, LF_IN(x), LF_OUT(y));
-    return y;
+    return activation(tape, "relu", x, LF_RELU);
 }
 
-static void sigmoid_backward(const lf_node *node)
+lf_tensor *lf_elu(lf_tape *tape, lf_tensor *x)
 {
-    lf_tensor *x = node->in[0];
-    const lf_tensor *y = node->out[0];
-    for (long i = 0; i < x->size; i++)
-        x->grad[i] += y->grad[i] * y->value[i] * (1 - y->value[i]);
+    return activation(tape, "elu", x, LF_ELU);
 }
 
 lf_tensor *lf_sigmoid(lf_tape *tape, lf_tensor *x)
 {
-    lf_tensor *y = lf_tensor_like(tape, x);
-    for (long i = 0; i < y->size; i++) {
-        const lf_real e = LF_EXP(-LF_FABS(x->value[i])); /* never overflows */
-        y->value[i] = (x->value[i] >= 0 ? 1 : e) / (1 + e);
-    }
-    lf_record(tape, "sigmoid", sigmoid_backward, NULL, LF_IN(x), LF_OUT(y));
-    return y;
+    return activation(tape, "sigmoid", x, LF_SIGMOID);
 }

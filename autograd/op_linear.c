@@ -1,21 +1,21 @@
 /* op_linear.c: y = act(x w + b).
  *
- *   backward   dz = dy (or dy where y > 0 for ReLU),  dx += dz w^T,  dw += x^T dz,  db += sum dz
+ *   backward   dz = act'(y) dy,  dx += dz w^T,  dw += x^T dz,  db += sum dz
  *
  * Shapes     x [.., in], w [in, out], b [out] or NULL, y [.., out].
  * Keeps      x and y.
  */
 #include "autograd/ops.h"
 
-/* The gradient behind the activation: dy itself, or a masked copy in the arena. */
+/* The gradient behind the activation: dy itself, or a copy in the arena. */
 static const lf_real *behind_activation(const lf_node *node)
 {
     const lf_tensor *y = node->out[0];
-    if (*(const lf_activation *)node->saved == LF_IDENTITY)
+    const lf_activation act = *(const lf_activation *)node->saved;
+    if (act == LF_IDENTITY)
         return y->grad;
     lf_real *dz = lf_alloc_reals(node->tape, y->size);
-    for (long i = 0; i < y->size; i++)
-        dz[i] = y->value[i] > 0 ? y->grad[i] : 0;
+    lf_kernel_activation_dz(y->size, act, y->value, y->grad, dz);
     return dz;
 }
 
@@ -38,8 +38,11 @@ lf_tensor *lf_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lf
     LF_REQUIRE(!b || !b->wants || w->wants,
                "lf_linear: a bias with gradient needs a matrix with one");
     lf_tensor *y = lf_tensor_cols(tape, x, w->dim[1]);
-    lf_kernel_linear(lf_rows(x), w->dim[0], w->dim[1], x->value, w->value, b ? b->value : NULL, act,
-                     y->value);
+    const bool fused = lf_activation_fused(act);
+    lf_kernel_linear(lf_rows(x), w->dim[0], w->dim[1], x->value, w->value, b ? b->value : NULL,
+                     fused ? act : LF_IDENTITY, y->value);
+    if (!fused)
+        lf_kernel_activate(y->size, act, y->value);
     lf_activation *saved = lf_alloc(tape, sizeof *saved);
     *saved = act;
     lf_record(tape, "linear", backward, saved, LF_IN(x, w, b), LF_OUT(y));

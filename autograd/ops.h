@@ -18,6 +18,7 @@ lf_tensor *lf_add(lf_tape *tape, lf_tensor *a, lf_tensor *b);
 lf_tensor *lf_multiply(lf_tape *tape, lf_tensor *a, lf_tensor *b);
 lf_tensor *lf_scale(lf_tape *tape, lf_tensor *a, lf_real factor);
 lf_tensor *lf_relu(lf_tape *tape, lf_tensor *x);
+lf_tensor *lf_elu(lf_tape *tape, lf_tensor *x);
 lf_tensor *lf_sigmoid(lf_tape *tape, lf_tensor *x);
 
 /* Rows of y added to groups of rows of x: x [Q, V, ..], y [Q, ..] -> x + y[:, None]. */

@@ -55,10 +55,12 @@ lf_field lf_self_interaction_apply(lf_tape *tape, const lf_self_interaction *lay
 
 enum { LF_MLP_MAX = 8 };
 typedef struct lf_mlp {
-    int count; /* linear maps; ReLU between them */
+    int count;         /* linear maps */
+    lf_activation act; /* between them */
     lf_linear_layer layer[LF_MLP_MAX];
 } lf_mlp;
-/* Sizes in -> width[0] -> .. -> width[widths - 1] -> out. */
+/* Sizes in -> width[0] -> .. -> width[widths - 1] -> out; act is LF_RELU, for the caller to change.
+ */
 void lf_mlp_init(lf_store *store, lf_mlp *mlp, const char *prefix, long in, int widths,
                  const long *width, long out);
 lf_tensor *lf_mlp_apply(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x);

@@ -256,6 +256,11 @@ lf_tensor *lf_along_ray_regular(lf_tape *tape, lf_tensor *k, const lf_light_geom
 /* ---- volume rendering -------------------------------------------------------------------------
  */
 
+/* Densities from an MLP's last numbers t [N, S, 1]: softplus(t) where a view sees the sample, 0 and
+ * no gradient where none does; count [N, S] -> [N, S].                       [method.md 4.2, 5b.5]
+ */
+lf_tensor *lf_density(lf_tape *tape, lf_tensor *t, const lf_tensor *count);
+
 typedef struct lf_rendered {
     lf_tensor *colour; /* [N, 3] */
     lf_tensor *weight; /* [N, S]: the share of each sample; their sum is the opacity */

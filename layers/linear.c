@@ -46,6 +46,7 @@ void lf_mlp_init(lf_store *store, lf_mlp *mlp, const char *prefix, long in, int 
 {
     LF_REQUIRE(widths + 1 <= LF_MLP_MAX, "an MLP of %d layers", widths + 1);
     mlp->count = widths + 1;
+    mlp->act = LF_RELU;
     for (int i = 0; i < mlp->count; i++) {
         char name[128];
         snprintf(name, sizeof name, "%s.%d", prefix, i);
@@ -58,6 +59,6 @@ void lf_mlp_init(lf_store *store, lf_mlp *mlp, const char *prefix, long in, int 
 lf_tensor *lf_mlp_apply(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x)
 {
     for (int i = 0; i < mlp->count; i++)
-        x = lf_linear_apply(tape, &mlp->layer[i], x, i + 1 < mlp->count ? LF_RELU : LF_IDENTITY);
+        x = lf_linear_apply(tape, &mlp->layer[i], x, i + 1 < mlp->count ? mlp->act : LF_IDENTITY);
     return x;
 }

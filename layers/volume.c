@@ -1,5 +1,6 @@
-/* volume.c: colours, weights and depths of rays from densities and colours at their samples
+/* volume.c: densities; colours, weights and depths of rays from densities and colours at samples
  *                                                                      [method.md 4.2, 4.9, 5b.1]
+ *   density: sigma = max(t, 0) + log1p(exp(-|t|)),  dt = dsigma / (1 + e^-t)
  *   T_i = exp(-sum_{j<i} min(sigma_j, 80)),  alpha_i = -expm1(-sigma_i),  w_i = T_i alpha_i
  *   colour = sum_i w_i c_i (+ 1 - sum_i w_i on white),  depth = sum_i w_i t_i
  *   backward, g_i = <dcolour, c_i> + dw_i + t_i ddepth (- sum dcolour on white):
@@ -85,4 +86,31 @@ lf_rendered lf_volume(lf_tape *tape, lf_tensor *sigma, lf_tensor *colour, const 
         forward_ray(v, ray, sigma->value + ray * n, colour->value + 3 * ray * n, out);
     lf_record(tape, "volume", backward, v, LF_IN(sigma, colour), 3, out);
     return r;
+}
+
+/* ---- densities ---------------------------------------------------------------------------------
+ */
+
+static void density_backward(const lf_node *node)
+{
+    lf_tensor *t = node->in[0];
+    const lf_real *count = node->saved, *dy = node->out[0]->grad;
+    for (long i = 0; i < t->size; i++) {
+        const lf_real e = LF_EXP(-LF_FABS(t->value[i]));
+        if (count[i] > 0)
+            t->grad[i] += dy[i] * (t->value[i] >= 0 ? 1 : e) / (1 + e);
+    }
+}
+
+lf_tensor *lf_density(lf_tape *tape, lf_tensor *t, const lf_tensor *count)
+{
+    LF_REQUIRE(t->size == count->size && count->rank == 2, "lf_density: t of %ld, count of %ld",
+               t->size, count->size);
+    lf_tensor *sigma = lf_tensor_like(tape, count);
+    for (long i = 0; i < t->size; i++) {
+        const double x = (double)t->value[i], y = (x > 0 ? x : 0) + log1p(exp(-fabs(x)));
+        sigma->value[i] = count->value[i] > 0 ? (lf_real)y : 0;
+    }
+    lf_record(tape, "density", density_backward, count->value, LF_IN(t), LF_OUT(sigma));
+    return sigma;
 }

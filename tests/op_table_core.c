@@ -58,6 +58,21 @@ static int add_group(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_te
     return 1;
 }
 
+static int linear_elu(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_linear(tape, in[0], in[1], in[2], LF_ELU);
+    out[1] = lf_linear(tape, in[0], in[1], in[2], LF_SIGMOID);
+    return 2;
+}
+
+static int elu(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_elu(tape, in[0]);
+    return 1;
+}
+
 static int concat(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
@@ -130,6 +145,8 @@ const op_case core_cases[] = {
     {"linear: wide rows", linear, {X(20, 34), X(34, 33), X(33)}, 3, 0},
     {"linear: one output", linear, {X(9, 16), X(16, 1), X(1)}, 3, 0},
     {"linear: ReLU, no bias", linear_relu, {X(6, 5), X(5, 8)}, 2, 0},
+    {"linear: ELU, sigmoid", linear_elu, {X(6, 5), X(5, 7), X(7)}, 3, 0},
+    {"elu", elu, {X(5, 7)}, 1, 0},
     {"add", add, {X(3, 4), X(3, 4)}, 2, 0},
     {"multiply", multiply, {X(3, 4), X(3, 4)}, 2, 0},
     {"scale", scale, {X(5)}, 1, 0},

@@ -223,6 +223,17 @@ static int fourier(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tens
     return 3;
 }
 
+/* The third sample is seen by none. */
+static int density(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    lf_tensor *count = lf_tensor_new(tape, 2, LF_DIMS(2, 3));
+    for (int i = 0; i < 6; i++)
+        count->value[i] = (lf_real)(i != 2);
+    out[0] = lf_density(tape, in[0], count);
+    return 1;
+}
+
 static int volume(lf_tape *tape, lf_tensor *const *in, lf_tensor **out, bool white)
 {
     const lf_rendered r = lf_volume(tape, in[0], in[1], in[2], white);
@@ -297,6 +308,7 @@ const op_case light_field_cases[] = {
      {X(2, 1, 4, P *C), X(2, 7, 2 * T * C)},
      2,
      0},
+    {"density", density, {X(2, 3, 1)}, 1, 0},
     {"volume", volume_black, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: white", volume_white, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},
     {"volume: opaque", volume_opaque, {DENSITY, X(2, 6, 3), DEPTHS}, 3, 0},

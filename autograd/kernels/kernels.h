@@ -24,7 +24,18 @@
 
 /* ---- linear maps ----------------------------------------------------------------------------- */
 
-typedef enum lf_activation { LF_IDENTITY, LF_RELU } lf_activation;
+/* The kernels below fuse the first two; ops run lf_kernel_activate for the others. */
+typedef enum lf_activation { LF_IDENTITY, LF_RELU, LF_ELU, LF_SIGMOID } lf_activation;
+
+/* y = act(y) [n], in place. */
+void lf_kernel_activate(long n, lf_activation act, lf_real *y);
+/* dz = the gradient behind the activation, from its result y and that result's gradient dy [n]. */
+void lf_kernel_activation_dz(long n, lf_activation act, const lf_real *y, const lf_real *dy,
+                             lf_real *dz);
+static inline bool lf_activation_fused(lf_activation act)
+{
+    return act == LF_IDENTITY || act == LF_RELU;
+}
 
 /* y = act(x w + b); b[out] may be NULL. */
 void lf_kernel_linear(long rows, long in, long out, const lf_real *x, const lf_real *w,
