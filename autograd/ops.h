@@ -51,6 +51,26 @@ lf_tensor *lf_sample_maps(lf_tape *tape, int count, lf_tensor *const *maps, long
                           long points, long views, const double *uv, const lf_real *mask,
                           const long *first);
 
+/* What V source views show at Q points, [Q, V, 3 + channels]: colours (0..1) of their pictures and
+ * `channels` features from `first` on of their maps, bilinear at uv [Q, V, 2] (doubles, pixels of
+ * the view's picture, centres at integers). A map covers its picture edge to edge. Where mask [Q,
+ * V] is 0: zeros and no gradient. maps is the flat array that holds the maps of all views, each
+ * [map_height, map_width, map_channels] from its offset on; it gets the gradient. Views may differ
+ * in size.                                                                      [method.md 5b.1]
+ */
+typedef struct lf_view_map {
+    const uint8_t *rgb; /* [height][width][3] */
+    long height, width;
+    long map_height, map_width, map_channels, offset;
+} lf_view_map;
+lf_tensor *lf_sample_views(lf_tape *tape, lf_tensor *maps, long views, const lf_view_map *view,
+                           long first, long channels, long points, const double *uv,
+                           const lf_real *mask);
+
+/* sum over rows r of weight[r] |x_r - target_r|^2: x [.., C], target like x, weight a number a row
+ * or NULL (1) -> []. Rows of weight 0 have no gradient, whatever they hold. */
+lf_tensor *lf_squared_error(lf_tape *tape, lf_tensor *x, const float *target, const float *weight);
+
 /* Weighted L1 on clamped values, summed over the points, of predictions x [.., 1] of `scale` * sdf:
  *   sum_i w_i | x_i - clip(scale sdf_i) |,  clip to [-scale clamp, scale clamp],
  *   0 where x lies beyond the clamp on the target's side; w_i = near_weight if sdf_i <= near,

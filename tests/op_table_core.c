@@ -122,6 +122,31 @@ static int sample_maps(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
     return 1;
 }
 
+/* Two views of different sizes; a point on the border, one beyond the map's outermost centres. */
+static int sample_views(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    enum { POINTS = 3, VIEWS = 2 };
+    static const double uv[POINTS * VIEWS * 2] = {0, 0, 6, 4, 3.3, 1.7, 2.9, 0.1, 4, 4, 2, 3.5};
+    static uint8_t rgb[5 * 7 * 3];
+    for (int i = 0; i < 5 * 7 * 3; i++)
+        rgb[i] = (uint8_t)(i * 37);
+    lf_view_map *view = lf_alloc(tape, VIEWS * sizeof *view);
+    view[0] = (lf_view_map){rgb, 5, 5, 3, 3, 4, 0};
+    view[1] = (lf_view_map){rgb, 5, 7, 3, 4, 4, 36};
+    out[0] = lf_sample_views(tape, in[0], VIEWS, view, 1, 2, POINTS, uv, in[1]->value);
+    return 1;
+}
+
+static int squared_error(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    static const float target[6] = {0.1f, -0.4f, 2, 0, 0.3f, 1}, weight[2] = {0.5f, 0};
+    out[0] = lf_squared_error(tape, in[0], target, NULL);
+    out[1] = lf_squared_error(tape, in[0], target, weight);
+    return 2;
+}
+
 static int sdf_loss(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
@@ -160,6 +185,8 @@ const op_case core_cases[] = {
     {"softmax: masked", softmax, {X(3, 8), FILLED(FILL_MASK, 3, 8)}, 2, 0},
     {"softmax: a row with none", softmax_empty, {X(3, 4), FILLED(FILL_MASK, 3, 4)}, 2, 0},
     {"sample_maps", sample_maps, {X(4, 9, 9, 3), X(4, 5, 5, 2), FILLED(FILL_MASK, 5, 2)}, 3, 0},
+    {"sample_views", sample_views, {X(84), FILLED(FILL_MASK, 3, 2)}, 2, 0},
+    {"squared_error", squared_error, {X(2, 3)}, 1, 0},
     {"sdf_loss", sdf_loss, {X(6, 1)}, 1, 0},
 };
 const int core_case_count = sizeof core_cases / sizeof *core_cases;
