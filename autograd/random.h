@@ -20,17 +20,21 @@
 
 /* What a number is for: two purposes never share a number. Append only; the values are in runs. */
 enum lf_random_purpose {
-    LF_RANDOM_INIT = 1,    /* initial weights, item = hash of the parameter's name */
-    LF_RANDOM_SHUFFLE = 2, /* order of the items of an epoch */
-    LF_RANDOM_POINTS = 3,  /* which stored samples a step draws */
-    LF_RANDOM_SETTING = 4, /* rolls, look-at points and rotations of the settings Z, R, Y, SO3 */
-    LF_RANDOM_SHAPE = 5,   /* parameters of a procedural shape */
-    LF_RANDOM_SURFACE = 6, /* area-uniform samples of a surface */
-    LF_RANDOM_VOLUME = 7,  /* uniform samples of a volume */
-    LF_RANDOM_NEAR = 8,    /* offsets of near-surface samples */
-    LF_RANDOM_GROUP = 9,   /* group elements of equivariance checks */
-    LF_RANDOM_TEST = 10,   /* tests and benchmarks */
-    LF_RANDOM_METRIC = 11  /* sample points of metrics */
+    LF_RANDOM_INIT = 1,     /* initial weights, item = hash of the parameter's name */
+    LF_RANDOM_SHUFFLE = 2,  /* order of the items of an epoch */
+    LF_RANDOM_POINTS = 3,   /* which stored samples a step draws */
+    LF_RANDOM_SETTING = 4,  /* rolls, look-at points and rotations of the settings Z, R, Y, SO3 */
+    LF_RANDOM_SHAPE = 5,    /* parameters of a procedural shape */
+    LF_RANDOM_SURFACE = 6,  /* area-uniform samples of a surface */
+    LF_RANDOM_VOLUME = 7,   /* uniform samples of a volume */
+    LF_RANDOM_NEAR = 8,     /* offsets of near-surface samples */
+    LF_RANDOM_GROUP = 9,    /* group elements of equivariance checks */
+    LF_RANDOM_TEST = 10,    /* tests and benchmarks */
+    LF_RANDOM_METRIC = 11,  /* sample points of metrics */
+    LF_RANDOM_SCENE = 12,   /* parameters of a built-in scene */
+    LF_RANDOM_RAYS = 13,    /* scene, target view and pixels of a step */
+    LF_RANDOM_SOURCES = 14, /* source views of a step */
+    LF_RANDOM_DEPTH = 15    /* places of samples in their strata */
 };
 
 /* A short sequence of numbers that belongs to one (seed, purpose, step, item). */

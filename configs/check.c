@@ -99,8 +99,39 @@ static lf_status check_data(const lf_config *cfg, lf_error *err)
     return LF_OK;
 }
 
+/* What only the renderers' keys must keep to. */
+static lf_status check_render(const lf_config *cfg, lf_error *err)
+{
+    int types, pools;
+    const long *type = lf_config_ints(cfg, "render.types", &types);
+    const long *pool = lf_config_ints(cfg, "train.pool", &pools);
+    for (int i = 0; i < types; i++)
+        if (i == 0 ? type[0] != 0 : type[i] <= type[i - 1])
+            return lf_fail(err, LF_BAD_INPUT,
+                           "render.types: number %d is %ld: allowed is 0 first, then rising", i + 1,
+                           type[i]);
+    const long channels = lf_config_int(cfg, "render.channels");
+    if (channels % lf_config_int(cfg, "render.heads"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "render.channels = %ld: allowed is a multiple of render.heads = %ld",
+                       channels, lf_config_int(cfg, "render.heads"));
+    if (lf_config_int(cfg, "render.width") % 4)
+        return lf_fail(err, LF_BAD_INPUT, "render.width = %ld: allowed is a multiple of 4",
+                       lf_config_int(cfg, "render.width"));
+    if (pools != 3 || pool[0] + pool[1] + pool[2] != 100)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "train.pool: allowed are three numbers that add up to 100");
+    if (lf_config_int(cfg, "data.builtin_scenes") == 0 &&
+        strcmp(lf_config_string(cfg, "data.scenes"), "none") == 0)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "no scenes to train on: give data.scenes, or data.builtin_scenes above 0");
+    return LF_OK;
+}
+
 lf_status lf_config_check(const lf_config *cfg, lf_error *err)
 {
+    if (!lf_config_is(cfg, "model.type", "equivariant"))
+        return check_render(cfg, err);
     LF_TRY(check_backbone(cfg, err));
     LF_TRY(check_sizes(cfg, err));
     LF_TRY(check_head(cfg, "model.scalars", err));
@@ -109,7 +140,7 @@ lf_status lf_config_check(const lf_config *cfg, lf_error *err)
     return check_grid(cfg, err);
 }
 
-int lf_config_warn(const lf_config *cfg, FILE *out)
+static int warn_views(const lf_config *cfg, FILE *out)
 {
     int warnings = 0;
     const long size = lf_config_int(cfg, "data.image_size"), stride = total_stride(cfg);
@@ -120,6 +151,17 @@ int lf_config_warn(const lf_config *cfg, FILE *out)
                 size, stride);
         warnings++;
     }
+    if (lf_config_is(cfg, "data.light", "head")) {
+        fprintf(out, "data.light = head: the faces of a box are equally bright from the cube's "
+                     "corners, so its edges vanish\n");
+        warnings++;
+    }
+    return warnings;
+}
+
+static int warn_steps(const lf_config *cfg, bool validates, FILE *out)
+{
+    int warnings = 0;
     const long warmup = lf_config_int(cfg, "train.warmup"),
                steps = lf_config_int(cfg, "train.steps");
     if (warmup >= steps && steps > 0) {
@@ -129,17 +171,19 @@ int lf_config_warn(const lf_config *cfg, FILE *out)
     }
     const long save = lf_config_int(cfg, "train.checkpoint_every"),
                validate = lf_config_int(cfg, "train.val_every");
-    if (lf_config_int(cfg, "data.val_shapes") > 0 && save % validate && validate % save) {
+    if (validates && save % validate && validate % save) {
         fprintf(out,
                 "train.checkpoint_every = %ld does not go with train.val_every = %ld: only "
                 "checkpoints of steps that are validated can be kept as the best\n",
                 save, validate);
         warnings++;
     }
-    if (lf_config_is(cfg, "data.light", "head")) {
-        fprintf(out, "data.light = head: the faces of a box are equally bright from the cube's "
-                     "corners, so its edges vanish\n");
-        warnings++;
-    }
     return warnings;
+}
+
+int lf_config_warn(const lf_config *cfg, FILE *out)
+{
+    if (!lf_config_is(cfg, "model.type", "equivariant"))
+        return warn_steps(cfg, true, out);
+    return warn_views(cfg, out) + warn_steps(cfg, lf_config_int(cfg, "data.val_shapes") > 0, out);
 }

@@ -11,7 +11,7 @@
 #include "eval/equivariance.h"
 #include "eval/report.h"
 #include "train/run_dir.h"
-#include "train/trainer.h"
+#include "train/recon_data.h"
 
 enum { V = LF_CUBE_VIEWS, POINTS = 512, LAYERS = 32, EIGHTHS = 8 };
 

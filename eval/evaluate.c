@@ -7,7 +7,7 @@
 #include "eval/report.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
-#include "train/trainer.h"
+#include "train/recon_data.h"
 
 enum { V = LF_CUBE_VIEWS };
 

@@ -9,10 +9,7 @@
 #include <signal.h>
 
 #include "configs/configs.h"
-#include "datasets/shapes.h"
 #include "models/checkpoint.h"
-#include "models/recon_work.h"
-#include "train/batch.h"
 
 typedef struct lf_train_options {
     const char *out;         /* run folder, made if needed */
@@ -26,15 +23,5 @@ typedef struct lf_train_options {
 /* Train to the last step. LF_STOPPED: interrupted, the checkpoint is saved. LF_FAILED: too many bad
  * steps in a row, or the disk refused. */
 lf_status lf_train(const lf_config *cfg, const lf_train_options *options, lf_error *err);
-
-/* Options of a split of a config's data, as training uses them. */
-lf_shapes_options lf_shapes_options_from(const lf_config *cfg, const char *split);
-
-/* Shapes to validate on, with fixed points. */
-typedef struct lf_validation {
-    double loss; /* as in training, mean over the points of all shapes */
-    double iou;  /* of the signs at the uniform points, mean over shapes */
-} lf_validation;
-lf_validation lf_validate(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes);
 
 #endif

@@ -1,12 +1,12 @@
 /* validate.c: loss and sign agreement on shapes that are not trained on. */
-#include "train/trainer.h"
+#include "train/recon_data.h"
 
 enum { V = LF_CUBE_VIEWS, POINTS = 2048 };
 
-typedef struct agreement {
+typedef struct overlap {
     double loss;
     long both, either;
-} agreement;
+} overlap;
 
 /* NaN stays NaN, so that a broken model never is the best one. */
 static double clip(double x, double most)
@@ -15,8 +15,8 @@ static double clip(double x, double most)
 }
 
 /* The first POINTS / 2 stored points of either kind; IoU over the uniform ones. */
-static agreement validate_shape(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes,
-                                long index, lf_projection *projection)
+static overlap validate_shape(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes,
+                              long index, lf_projection *projection)
 {
     const long stored_uniform = lf_config_int(cfg, "data.points_uniform");
     const long stored_near = lf_config_int(cfg, "data.points_near");
@@ -45,7 +45,7 @@ static agreement validate_shape(lf_recon_work *work, const lf_config *cfg, const
     const double scale = lf_config_real(cfg, "loss.scale"),
                  clamp = lf_config_real(cfg, "loss.clamp");
     lf_recon_predict(work, &points, scale, sdf, NULL);
-    agreement a = {0};
+    overlap a = {0};
     for (long i = 0; i < n; i++) {
         const double t = clip((double)truth[i], clamp), p = clip((double)sdf[i], clamp);
         const double w = (double)truth[i] <= lf_config_real(cfg, "loss.near")
@@ -59,7 +59,7 @@ static agreement validate_shape(lf_recon_work *work, const lf_config *cfg, const
     return a;
 }
 
-lf_validation lf_validate(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes)
+lf_agreement lf_validate_shapes(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes)
 {
     const long size = lf_config_int(cfg, "data.image_size"), count = lf_shapes_count(shapes);
     const long numbers = V * size * size * (lf_config_is(cfg, "data.channels", "colour") ? 4 : 2);
@@ -67,13 +67,13 @@ lf_validation lf_validate(lf_recon_work *work, const lf_config *cfg, const lf_sh
     lf_real *image = calloc((size_t)numbers, sizeof *image);
     LF_REQUIRE(pixels && image, "out of memory for %ld pixels", numbers);
     lf_projection projection = lf_projection_create(POINTS);
-    lf_validation v = {0};
+    lf_agreement v = {0};
     for (long s = 0; s < count; s++) {
         lf_shapes_pixels(lf_shapes_views(shapes, s, 0)->images, numbers, pixels);
         for (long i = 0; i < numbers; i++)
             image[i] = (lf_real)pixels[i];
         lf_recon_encode(work, V, image);
-        const agreement a = validate_shape(work, cfg, shapes, s, &projection);
+        const overlap a = validate_shape(work, cfg, shapes, s, &projection);
         v.loss += a.loss / (double)count;
         v.iou += (a.either ? (double)a.both / (double)a.either : 1) / (double)count;
     }

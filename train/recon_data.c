@@ -1,5 +1,5 @@
 /* data.c: the [data] keys as options of the shapes. */
-#include "train/trainer.h"
+#include "train/recon_data.h"
 
 static lf_views_options views_options(const lf_config *cfg)
 {

@@ -1,0 +1,567 @@
+/* render_work.c: tiles, lanes and workers of the renderers. See render_work.h. */
+#include <omp.h>
+
+#include "models/render_work.h"
+
+typedef struct lane {
+    lf_real *grad; /* of the networks */
+    lf_real *maps; /* gradient of the feature maps */
+    long maps_room;
+    double loss;
+    char nonfinite[64]; /* of the first tile that had one; the tape forgets it at the next tile */
+} lane;
+
+struct lf_render_work {
+    const lf_render *model;
+    long tile, head_size;
+    lf_tape *features;
+    lf_tape *worker[LF_RENDER_LANES]; /* one a thread; any tile may run on any of them */
+    lane lane[LF_RENDER_LANES];
+    long views, views_room;
+    const lf_source *source;
+    lf_view_map *view; /* [views] */
+    lf_tensor **map;   /* [views] on `features`; one tensor for all where they have one size */
+    long batches;      /* tensors in map */
+    lf_real *maps;     /* all maps, one after the other */
+    long maps_size, maps_room;
+};
+
+static void *room(size_t bytes)
+{
+    void *p = calloc(1, bytes ? bytes : 1);
+    LF_REQUIRE(p, "out of memory for %zu bytes", bytes);
+    return p;
+}
+
+static int workers(void)
+{
+    const int n = omp_get_max_threads();
+    return n < LF_RENDER_LANES ? n : LF_RENDER_LANES;
+}
+
+lf_render_work *lf_render_work_create(const lf_render *model, long tile)
+{
+    LF_REQUIRE(tile >= 1, "a workspace with tiles of %ld rays", tile);
+    lf_render_work *w = room(sizeof *w);
+    w->model = model;
+    w->tile = tile;
+    w->head_size = lf_store_size(model->store) - model->head_first;
+    w->features = lf_tape_create();
+    for (int l = 0; l < LF_RENDER_LANES; l++) {
+        w->worker[l] = lf_tape_create();
+        w->lane[l].grad = room((size_t)w->head_size * sizeof(lf_real));
+    }
+    return w;
+}
+
+void lf_render_work_free(lf_render_work *w)
+{
+    if (!w)
+        return;
+    lf_tape_free(w->features);
+    for (int l = 0; l < LF_RENDER_LANES; l++) {
+        lf_tape_free(w->worker[l]);
+        free(w->lane[l].grad);
+        free(w->lane[l].maps);
+    }
+    free(w->view);
+    free(w->map);
+    free(w->maps);
+    free(w);
+}
+
+void lf_render_work_check(lf_render_work *w, bool on)
+{
+    lf_tape_set_check(w->features, on);
+    for (int l = 0; l < LF_RENDER_LANES; l++)
+        lf_tape_set_check(w->worker[l], on);
+}
+
+static bool is_forward(const char *found)
+{
+    return found && strncmp(found, "forward", 7) == 0;
+}
+
+/* In the order of the work: forward of the features, of a tile, backward of a tile, of the rest. */
+const char *lf_render_nonfinite(const lf_render_work *w)
+{
+    const char *features = lf_tape_nonfinite(w->features), *tile = NULL;
+    if (is_forward(features))
+        return features;
+    for (int l = 0; l < LF_RENDER_LANES; l++) {
+        const char *found = w->lane[l].nonfinite;
+        if (found[0] && (!tile || (is_forward(found) && !is_forward(tile))))
+            tile = found;
+    }
+    return tile ? tile : features;
+}
+
+size_t lf_render_work_bytes(const lf_render_work *w)
+{
+    size_t bytes = lf_tape_peak(w->features) + (size_t)w->maps_room * sizeof(lf_real);
+    for (int l = 0; l < LF_RENDER_LANES; l++)
+        bytes += lf_tape_peak(w->worker[l]) +
+                 (size_t)(w->head_size + w->lane[l].maps_room) * sizeof(lf_real);
+    return bytes;
+}
+
+/* ---- features ---------------------------------------------------------------------------------
+ */
+
+static lf_tensor *pictures(lf_tape *tape, long count, const lf_source *source)
+{
+    const long n = source->height * source->width * LF_RGB;
+    lf_tensor *x =
+        lf_tensor_new(tape, 4, LF_DIMS(count, source->height, source->width, (long)LF_RGB));
+#pragma omp parallel for schedule(static)
+    for (long v = 0; v < count; v++)
+        for (long i = 0; i < n; i++)
+            x->value[v * n + i] = (lf_real)source[v].rgb[i] * (lf_real)(1.0 / 255);
+    return x;
+}
+
+static bool one_size(long views, const lf_source *source)
+{
+    for (long v = 1; v < views; v++)
+        if (source[v].width != source->width || source[v].height != source->height)
+            return false;
+    return true;
+}
+
+static void place_maps(lf_render_work *w, const lf_tensor *map, long first, long count)
+{
+    const long size = map->size / count;
+    for (long v = first; v < first + count; v++) {
+        const lf_source *s = w->source + v;
+        w->view[v] = (lf_view_map){s->rgb,      s->height,   s->width,    map->dim[1],
+                                   map->dim[2], map->dim[3], w->maps_size};
+        w->maps_size += size;
+    }
+}
+
+/* Maps of all views on the features' tape: together, or one by one where sizes differ. */
+static void encode(lf_render_work *w, long views, const lf_source *source)
+{
+    const bool together = one_size(views, source);
+    if (views > w->views_room) {
+        free(w->view);
+        free(w->map);
+        w->view = room((size_t)views * sizeof *w->view);
+        w->map = room((size_t)views * sizeof(lf_tensor *));
+        w->views_room = views;
+    }
+    w->views = views;
+    w->source = source;
+    w->batches = together ? 1 : views;
+    w->maps_size = 0;
+    const long each = together ? views : 1;
+    for (long b = 0; b < w->batches; b++) {
+        lf_tensor *x = pictures(w->features, each, source + b);
+        w->map[b] = lf_feature_net_forward(w->features, &w->model->features, x);
+        place_maps(w, w->map[b], b * each, each);
+    }
+    if (w->maps_size > w->maps_room) {
+        free(w->maps);
+        w->maps = room((size_t)w->maps_size * sizeof *w->maps);
+        w->maps_room = w->maps_size;
+    }
+    for (long b = 0, at = 0; b < w->batches; at += w->map[b++]->size)
+        memcpy(w->maps + at, w->map[b]->value, (size_t)w->map[b]->size * sizeof *w->maps);
+}
+
+/* ---- one network on one tile ------------------------------------------------------------------
+ */
+
+/* Rays of a tile with the depths of their samples. */
+typedef struct tile {
+    const lf_target_rays *rays;
+    long from, count, samples;
+    const double *depth; /* [count, samples] */
+    bool white;
+} tile;
+
+typedef struct passed {
+    lf_rendered rendered;
+    lf_light_geometry geometry;
+} passed;
+
+static lf_light_geometry geometry_of(lf_tape *tape, const lf_render_work *w, const tile *t,
+                                     const lf_seen_samples *seen)
+{
+    const lf_types types = lf_render_types(w->model);
+    const lf_light_rays rays = {t->count,
+                                t->samples,
+                                w->views,
+                                t->rays->origin + 3 * t->from,
+                                t->rays->direction + 3 * t->from,
+                                seen->along,
+                                seen->centres,
+                                seen->seen,
+                                t->rays->near,
+                                t->rays->far};
+    return lf_light_geometry_make(tape, &types, &rays);
+}
+
+static passed pass(lf_tape *tape, const lf_render_work *w, const tile *t, int network,
+                   lf_tensor *maps)
+{
+    const long channels = w->model->config.channels, points = t->count * t->samples;
+    const lf_seen_samples seen =
+        lf_see_samples(tape, t->rays, t->from, t->count, t->samples, t->depth, w->views, w->source);
+    passed p = {.geometry = geometry_of(tape, w, t, &seen)};
+    lf_tensor *y = lf_sample_views(tape, maps, w->views, w->view, network * channels, channels,
+                                   points, seen.uv, p.geometry.mask->value);
+    const lf_ray_inputs in = {
+        lf_reshape(tape, y, 4, LF_DIMS(t->count, t->samples, w->views, LF_RGB + channels)),
+        &p.geometry,
+        w->model->config.equivariant
+            ? NULL
+            : lf_ray_differences(tape, t->rays, t->from, t->count, t->samples, &seen, w->views)};
+    const lf_radiance radiance = lf_render_radiance(tape, w->model, network, &in);
+    lf_tensor *depth = lf_tensor_new(tape, 2, LF_DIMS(t->count, t->samples));
+    for (long i = 0; i < points; i++)
+        depth->value[i] = (lf_real)t->depth[i];
+    p.rendered = lf_volume(tape, radiance.sigma, radiance.colour, depth, t->white);
+    return p;
+}
+
+/* ---- training ---------------------------------------------------------------------------------
+ */
+
+typedef struct step {
+    lf_render_work *work;
+    const lf_render_batch *batch;
+    double *depth; /* [N, S] */
+    float *counts; /* [N] 1 = the ray's error counts */
+    long counted;
+} step;
+
+static lf_stream stream_of(const lf_render_batch *b, long ray, int network)
+{
+    return lf_stream_at(b->seed, LF_RANDOM_DEPTH, (uint64_t)b->step,
+                        (uint64_t)(LF_RAY_NETWORKS * ray + network));
+}
+
+/* Depths of the coarse samples, and which rays count. */
+static void draw_ray(const step *s, lf_tape *tape, long ray)
+{
+    const lf_render_work *w = s->work;
+    const long samples = w->model->config.samples;
+    double *depth = s->depth + ray * samples;
+    lf_stream stream = stream_of(s->batch, ray, LF_COARSE);
+    lf_strata(samples, s->batch->rays.near, s->batch->rays.far, &stream, depth);
+    lf_tape_reset(tape);
+    const lf_seen_samples seen =
+        lf_see_samples(tape, &s->batch->rays, ray, 1, samples, depth, w->views, w->source);
+    long good = 0;
+    for (long i = 0; i < samples; i++) {
+        long views = 0;
+        for (long v = 0; v < w->views; v++)
+            views += seen.seen[i * w->views + v];
+        good += views >= LF_KEY_VIEWS;
+    }
+    s->counts[ray] = good > s->batch->seen_samples;
+}
+
+static double refine_rays(const step *s, lf_tape *tape, const tile *coarse, const lf_real *weight,
+                          lf_tensor *maps, lf_tensor **loss)
+{
+    const lf_render_config *c = &s->work->model->config;
+    const long all = c->samples + c->fine;
+    double *depth = lf_alloc(tape, (size_t)(coarse->count * all) * sizeof *depth);
+    for (long i = 0; i < coarse->count; i++) {
+        lf_stream stream = stream_of(s->batch, coarse->from + i, LF_FINE);
+        lf_refine(c->samples, coarse->depth + i * c->samples, weight + i * c->samples, c->fine,
+                  &stream, depth + i * all);
+    }
+    tile fine = *coarse;
+    fine.samples = all;
+    fine.depth = depth;
+    const passed p = pass(tape, s->work, &fine, LF_FINE, maps);
+    *loss = lf_squared_error(tape, p.rendered.colour, s->batch->colour + 3 * fine.from,
+                             s->counts + fine.from);
+    return (double)(*loss)->value[0];
+}
+
+static double run_tile(const step *s, lf_tape *tape, const lane *l, long from, long count)
+{
+    lf_render_work *w = s->work;
+    const long samples = w->model->config.samples;
+    lf_tape_reset(tape);
+    lf_tape_set_lane(tape, l->grad, w->model->head_first);
+    lf_tensor *maps = lf_leaf(tape, 1, LF_DIMS(w->maps_size), w->maps, l->maps);
+    const tile t = {&s->batch->rays,           from,           count, samples,
+                    s->depth + from * samples, s->batch->white};
+    const passed p = pass(tape, w, &t, LF_COARSE, maps);
+    lf_tensor *loss =
+        lf_squared_error(tape, p.rendered.colour, s->batch->colour + 3 * from, s->counts + from);
+    double error = (double)loss->value[0];
+    if (w->model->networks > 1) {
+        lf_tensor *fine;
+        error += refine_rays(s, tape, &t, p.rendered.weight->value, maps, &fine);
+        loss = lf_add(tape, loss, fine);
+    }
+    lf_backward(tape, loss, (lf_real)(1 / (3.0 * (double)s->counted)));
+    return error;
+}
+
+static void clear_lane(const lf_render_work *w, lane *l)
+{
+    if (l->maps_room < w->maps_size) {
+        free(l->maps);
+        l->maps = room((size_t)w->maps_size * sizeof *l->maps);
+        l->maps_room = w->maps_size;
+    }
+    memset(l->grad, 0, (size_t)w->head_size * sizeof *l->grad);
+    memset(l->maps, 0, (size_t)w->maps_size * sizeof *l->maps);
+    l->loss = 0;
+    l->nonfinite[0] = 0;
+}
+
+static void run_lane(const step *s, lf_tape *tape, int number)
+{
+    lane *l = &s->work->lane[number];
+    const long tile = s->work->tile, count = s->batch->rays.count;
+    clear_lane(s->work, l);
+    for (long t = number; t * tile < count; t += LF_RENDER_LANES) {
+        const long from = t * tile, left = count - from;
+        l->loss += run_tile(s, tape, l, from, left < tile ? left : tile);
+        const char *found = lf_tape_nonfinite(tape);
+        if (found && !l->nonfinite[0])
+            snprintf(l->nonfinite, sizeof l->nonfinite, "%s", found);
+    }
+}
+
+/* Lanes in their order, into the store and into the gradients of the maps. */
+static double reduce_lanes(const lf_render_work *w)
+{
+    lf_real *grad = lf_store_grads(w->model->store) + w->model->head_first;
+    double loss = 0;
+    for (int l = 0; l < LF_RENDER_LANES; l++) {
+        loss += w->lane[l].loss;
+        for (long i = 0; i < w->head_size; i++)
+            grad[i] += w->lane[l].grad[i];
+    }
+    for (long b = 0, at = 0; b < w->batches; at += w->map[b++]->size) {
+        lf_real *g = lf_grad(w->features, w->map[b]);
+#pragma omp parallel for schedule(static)
+        for (long i = 0; i < w->map[b]->size; i++)
+            for (int l = 0; l < LF_RENDER_LANES; l++)
+                g[i] += w->lane[l].maps[at + i];
+    }
+    return loss;
+}
+
+static void draw_rays(step *s)
+{
+    const long count = s->batch->rays.count;
+#pragma omp parallel for schedule(static) num_threads(workers())
+    for (long r = 0; r < count; r++)
+        draw_ray(s, s->work->worker[omp_get_thread_num()], r);
+    for (long r = 0; r < count; r++)
+        s->counted += s->counts[r] > 0;
+}
+
+double lf_render_step(lf_render_work *work, const lf_render_batch *batch, long *counted)
+{
+    const long count = batch->rays.count;
+    lf_store_zero_grads(work->model->store);
+    lf_tape_reset(work->features);
+    lf_tape_set_grad(work->features, true);
+    encode(work, batch->views, batch->source);
+    step s = {
+        work, batch,
+        lf_alloc(work->features, (size_t)(count * work->model->config.samples) * sizeof(double)),
+        lf_alloc(work->features, (size_t)count * sizeof(float)), 0};
+    draw_rays(&s);
+    if (counted)
+        *counted = s.counted;
+    if (s.counted == 0)
+        return 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
+    for (int l = 0; l < LF_RENDER_LANES; l++)
+        run_lane(&s, work->worker[omp_get_thread_num()], l);
+    const double total = reduce_lanes(work);
+    lf_backward_from(work->features);
+    return total / (3.0 * (double)s.counted);
+}
+
+/* ---- evaluation -------------------------------------------------------------------------------
+ */
+
+void lf_render_encode(lf_render_work *work, long views, const lf_source *source)
+{
+    lf_tape_reset(work->features);
+    lf_tape_set_grad(work->features, false);
+    encode(work, views, source);
+}
+
+lf_render_savings lf_render_savings_none(void)
+{
+    return (lf_render_savings){.empty = -1};
+}
+
+typedef struct evaluation {
+    lf_render_work *work;
+    const lf_target_rays *rays;
+    const lf_render_savings *savings;
+    bool white;
+    lf_render_image *out;
+} evaluation;
+
+static bool inside(const lf_bounds *b, const double p[3])
+{
+    const double x = p[0] - b->centre[0], y = p[1] - b->centre[1], z = p[2] - b->centre[2];
+    return b->radius <= 0 || x * x + y * y + z * z <= b->radius * b->radius;
+}
+
+/* Keep the depths of one ray that may show something; returns their number. */
+static long keep_samples(const evaluation *e, lf_tape *tape, long ray, long samples, double *depth)
+{
+    const lf_render_work *w = e->work;
+    const lf_seen_samples seen =
+        lf_see_samples(tape, e->rays, ray, 1, samples, depth, w->views, w->source);
+    long kept = 0;
+    for (long i = 0; i < samples; i++) {
+        bool any = !e->savings->unseen;
+        for (long v = 0; !any && v < w->views; v++)
+            any = seen.seen[i * w->views + v];
+        if (any && inside(&e->savings->bounds, seen.point + 3 * i))
+            depth[kept++] = depth[i];
+    }
+    return kept;
+}
+
+/* Depths beyond which less than `stop` of the light is left are dropped. */
+static long stop_samples(const lf_real *weight, long coarse, const double *coarse_depth,
+                         double stop, long samples, const double *depth)
+{
+    double left = 1, end = INFINITY;
+    for (long i = 0; i < coarse && end == INFINITY; i++) {
+        left -= (double)weight[i];
+        if (left < stop)
+            end = i + 1 < coarse ? coarse_depth[i + 1] : INFINITY;
+    }
+    while (samples > 0 && depth[samples - 1] > end)
+        samples--;
+    return samples;
+}
+
+static void write_ray(const evaluation *e, long ray, const lf_rendered *r, long row)
+{
+    double opacity = 0;
+    const long samples = r ? lf_cols(r->weight) : 0;
+    for (long i = 0; i < samples; i++)
+        opacity += (double)r->weight->value[row * samples + i];
+    for (int a = 0; a < 3; a++)
+        e->out->colour[3 * ray + a] = r ? (float)r->colour->value[3 * row + a] : (float)e->white;
+    e->out->opacity[ray] = (float)opacity;
+    e->out->depth[ray] =
+        opacity > 1e-3 ? (float)((double)r->depth->value[row] / opacity) : (float)e->rays->far;
+}
+
+/* (sample, view) pairs of a pass. */
+static long rows_of(const passed *p)
+{
+    return p->geometry.rays * p->geometry.samples * p->geometry.views;
+}
+
+static const passed *fine_pass(const evaluation *e, lf_tape *tape, const tile *t,
+                               const passed *coarse, lf_tensor *maps, passed *out)
+{
+    const lf_render_config *c = &e->work->model->config;
+    const long all = t->samples + c->fine;
+    double *depth = lf_alloc(tape, (size_t)(t->count * all) * sizeof *depth);
+    for (long i = 0; i < t->count; i++)
+        lf_refine(t->samples, t->depth + i * t->samples,
+                  coarse->rendered.weight->value + i * t->samples, c->fine, NULL, depth + i * all);
+    tile fine = *t;
+    fine.samples = all;
+    fine.depth = depth;
+    if (t->count == 1 && e->savings->stop > 0)
+        fine.samples = stop_samples(coarse->rendered.weight->value, t->samples, t->depth,
+                                    e->savings->stop, all, depth);
+    *out = pass(tape, e->work, &fine, LF_FINE, maps);
+    return out;
+}
+
+/* No sample of the coarse pass of one ray has more weight than savings allow to pass over. */
+static bool is_empty(const evaluation *e, const passed *p)
+{
+    double opacity = 0;
+    for (long i = 0; i < p->rendered.weight->size; i++)
+        opacity += (double)p->rendered.weight->value[i];
+    return opacity <= e->savings->empty;
+}
+
+static long run_rays(const evaluation *e, lf_tape *tape, const tile *t)
+{
+    passed coarse, fine;
+    lf_tensor *maps = lf_leaf(tape, 1, LF_DIMS(e->work->maps_size), e->work->maps, NULL);
+    coarse = pass(tape, e->work, t, LF_COARSE, maps);
+    long rows = rows_of(&coarse);
+    const passed *last = &coarse;
+    const bool refine =
+        e->work->model->networks > 1 && t->samples > 2 && !(t->count == 1 && is_empty(e, &coarse));
+    if (refine) {
+        last = fine_pass(e, tape, t, &coarse, maps, &fine);
+        rows += rows_of(last);
+    }
+    for (long i = 0; i < t->count; i++)
+        write_ray(e, t->from + i, &last->rendered, i);
+    return rows;
+}
+
+/* Rays with as many samples each, together. */
+static long run_plain(const evaluation *e, lf_tape *tape, long from, long count)
+{
+    const long samples = e->work->model->config.samples;
+    lf_tape_reset(tape);
+    double *depth = lf_alloc(tape, (size_t)(count * samples) * sizeof *depth);
+    for (long i = 0; i < count; i++)
+        lf_strata(samples, e->rays->near, e->rays->far, NULL, depth + i * samples);
+    const tile t = {e->rays, from, count, samples, depth, e->white};
+    return run_rays(e, tape, &t);
+}
+
+/* One ray with the samples that it needs. */
+static long run_saving(const evaluation *e, lf_tape *tape, long ray)
+{
+    const long samples = e->work->model->config.samples;
+    lf_tape_reset(tape);
+    double *depth = lf_alloc(tape, (size_t)samples * sizeof *depth);
+    lf_strata(samples, e->rays->near, e->rays->far, NULL, depth);
+    const long kept = keep_samples(e, tape, ray, samples, depth);
+    if (kept == 0) {
+        write_ray(e, ray, NULL, 0);
+        return 0;
+    }
+    const tile t = {e->rays, ray, 1, kept, depth, e->white};
+    return run_rays(e, tape, &t);
+}
+
+static bool saves(const lf_render_savings *s)
+{
+    return s->unseen || s->bounds.radius > 0 || s->stop > 0 || s->empty >= 0;
+}
+
+void lf_render_rays(lf_render_work *work, const lf_target_rays *rays, bool white,
+                    const lf_render_savings *savings, lf_render_image *out)
+{
+    const evaluation e = {work, rays, savings, white, out};
+    const bool saving = saves(savings);
+    const long tile = saving ? 1 : work->tile, tiles = (rays->count + tile - 1) / tile;
+    long rows = 0;
+    for (int l = 0; l < LF_RENDER_LANES; l++)
+        lf_tape_set_grad(work->worker[l], false);
+#pragma omp parallel for schedule(dynamic, 4) num_threads(workers()) reduction(+ : rows)
+    for (long t = 0; t < tiles; t++) {
+        lf_tape *tape = work->worker[omp_get_thread_num()];
+        const long from = t * tile, left = rays->count - from;
+        rows += saving ? run_saving(&e, tape, from)
+                       : run_plain(&e, tape, from, left < tile ? left : tile);
+    }
+    for (int l = 0; l < LF_RENDER_LANES; l++)
+        lf_tape_set_grad(work->worker[l], true);
+    out->rows = rows;
+}

@@ -1,0 +1,211 @@
+/* render_data.c: scenes, target views and their sources. See render_data.h. */
+#include "train/render_data.h"
+
+/* ---- scenes of a config -----------------------------------------------------------------------
+ */
+
+static lf_scene_kinds kinds_of(const lf_config *cfg)
+{
+    static const char *const name[] = {"all", "objects", "glossy", "diffuse", "forward"};
+    for (int k = 0; k < 5; k++)
+        if (lf_config_is(cfg, "data.kinds", name[k]))
+            return (lf_scene_kinds)k;
+    return LF_KINDS_ALL;
+}
+
+/* The text of a key, or NULL for "none" and "builtin". */
+static const char *text_of(const lf_config *cfg, const char *key)
+{
+    const char *text = lf_config_string(cfg, key);
+    return strcmp(text, "none") && strcmp(text, "builtin") ? text : NULL;
+}
+
+static lf_scene_set_options options_of(const lf_config *cfg)
+{
+    return (lf_scene_set_options){
+        .root = text_of(cfg, "data.root"),
+        .longest = (int)lf_config_int(cfg, "data.longest"),
+        .factor = (int)lf_config_int(cfg, "data.factor"),
+        .hold_out = (int)lf_config_int(cfg, "data.hold_out"),
+        .outlines = lf_config_is(cfg, "data.bounds", "auto"),
+        .near_factor = lf_config_real(cfg, "data.near_factor"),
+        .far_factor = lf_config_real(cfg, "data.far_factor"),
+        .nearness = lf_config_is(cfg, "data.nearness", "auto")    ? -1
+                    : lf_config_is(cfg, "data.nearness", "angle") ? LF_NEAR_ANGLE
+                                                                  : LF_NEAR_DISTANCE,
+        .white = lf_config_is(cfg, "data.background", "auto")
+                     ? -1
+                     : lf_config_is(cfg, "data.background", "white"),
+        .cache_bytes = (size_t)lf_config_int(cfg, "data.cache_mb") * 1000000,
+        .kinds = kinds_of(cfg),
+        .meshes = text_of(cfg, "data.scene_meshes"),
+        .size = (int)lf_config_int(cfg, "data.scene_size"),
+    };
+}
+
+/* Numbers of built-in scenes that are only tested on begin here. */
+enum { FIRST_TEST = 1000000 };
+
+lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
+                           void *context, lf_scene_set **out, lf_error *err)
+{
+    lf_scene_set_options o = options_of(cfg);
+    const bool train = strcmp(split, "train") == 0, test = strcmp(split, "test") == 0;
+    o.scenes = text_of(cfg, train ? "data.scenes" : test ? "data.test_scenes" : "data.val_scenes");
+    if (train)
+        o.builtin = lf_config_int(cfg, "data.builtin_scenes");
+    if (test) {
+        o.builtin = lf_config_int(cfg, "data.test_builtin");
+        o.first = FIRST_TEST;
+        o.meshes = NULL; /* unseen shapes: procedural ones of other numbers */
+    }
+    *out = NULL;
+    if (!o.scenes && o.builtin == 0)
+        return LF_OK;
+    return lf_scene_set_open(&o, progress, context, out, err);
+}
+
+const long *lf_render_targets(const lf_scene_entry *e, const char *split, long *count)
+{
+    const int s = strcmp(split, "train") == 0 ? LF_SPLIT_TRAIN
+                  : strcmp(split, "val") == 0 ? LF_SPLIT_VAL
+                                              : LF_SPLIT_TEST;
+    const int used = e->count[s] ? s : LF_SPLIT_TRAIN;
+    *count = e->count[used];
+    return e->view[used];
+}
+
+/* ---- a target and its sources -----------------------------------------------------------------
+ */
+
+/* Moved by the options' motion, then seen from the moved centre of the scene. */
+static lf_camera bring(const lf_scene_entry *e, const lf_render_view_options *o, lf_camera camera)
+{
+    for (int a = 0; a < 3; a++)
+        camera.centre[a] -= e->centre[a];
+    if (!o->motion)
+        return camera;
+    /* g c - g c0 = R (c - c0): the translation is gone */
+    lf_motion turn = *o->motion;
+    turn.translation[0] = turn.translation[1] = turn.translation[2] = 0;
+    return lf_camera_move(&camera, &turn);
+}
+
+/* K R' [I | -c]. */
+static void projection_of(const lf_camera *c, double p[12])
+{
+    for (int j = 0; j < 4; j++) {
+        double q[3];
+        for (int i = 0; i < 3; i++) {
+            q[i] = j < 3 ? c->rotation[3 * j + i] : 0;
+            for (int a = 0; j == 3 && a < 3; a++)
+                q[i] -= c->rotation[3 * a + i] * c->centre[a];
+        }
+        p[j] = c->fx * q[0] + c->cx * q[2];
+        p[4 + j] = c->fy * q[1] + c->cy * q[2];
+        p[8 + j] = q[2];
+    }
+}
+
+static lf_status choose(const lf_scene_entry *e, const lf_camera *camera, long target,
+                        const lf_render_view_options *o, long *out, lf_error *err)
+{
+    const long *from = e->view[LF_SPLIT_TRAIN], count = e->count[LF_SPLIT_TRAIN];
+    lf_status status;
+    if (o->draw)
+        status = lf_scene_draw_sources(e->scene, camera, e->nearness, e->centre, count, from,
+                                       target, 0, o->pool, o->draw, o->sources, out, err);
+    else
+        status = lf_scene_nearest(e->scene, camera, e->nearness, e->centre, count, from, target,
+                                  o->sources, out, err);
+    return status == LF_OK ? LF_OK
+                           : lf_error_context(err, status, "render.sources = %ld", o->sources);
+}
+
+static lf_status hold_sources(lf_render_view *v, const lf_render_view_options *o, lf_error *err)
+{
+    for (; v->sources < o->sources; v->sources++) {
+        const long view = v->source_view[v->sources];
+        lf_pixels p;
+        LF_TRY(lf_scene_hold(v->entry->scene, view, &p, err));
+        const lf_camera c = bring(v->entry, o, v->entry->scene->view[view].camera);
+        lf_source *s = v->source + v->sources;
+        *s = (lf_source){.width = p.width, .height = p.height, .rgb = p.rgb};
+        memcpy(s->centre, c.centre, sizeof s->centre);
+        projection_of(&c, s->projection);
+    }
+    return LF_OK;
+}
+
+static lf_status open_view(const lf_scene_entry *e, const lf_camera *camera, long target,
+                           const lf_render_view_options *o, lf_render_view *out, lf_error *err)
+{
+    lf_render_view v = {.entry = e, .target = -1, .camera = bring(e, o, *camera)};
+    v.bounds.radius = e->radius; /* its centre is the origin */
+    lf_scene_depths_of(e, camera, &v.near, &v.far);
+    v.source_view = calloc((size_t)o->sources, sizeof *v.source_view);
+    v.source = calloc((size_t)o->sources, sizeof *v.source);
+    LF_REQUIRE(v.source_view && v.source, "out of memory");
+    lf_status status = choose(e, camera, target, o, v.source_view, err);
+    if (status == LF_OK)
+        status = hold_sources(&v, o, err);
+    if (status == LF_OK && target >= 0) {
+        status = lf_scene_hold(e->scene, target, &v.pixels, err);
+        v.target = status == LF_OK ? target : -1;
+    }
+    if (status == LF_OK)
+        *out = v;
+    else
+        lf_render_view_release(&v);
+    return status;
+}
+
+lf_status lf_render_view_open(const lf_scene_entry *e, long target, const lf_render_view_options *o,
+                              lf_render_view *out, lf_error *err)
+{
+    return open_view(e, &e->scene->view[target].camera, target, o, out, err);
+}
+
+lf_status lf_render_camera_open(const lf_scene_entry *e, const lf_camera *camera,
+                                const lf_render_view_options *o, lf_render_view *out, lf_error *err)
+{
+    return open_view(e, camera, -1, o, out, err);
+}
+
+void lf_render_view_release(lf_render_view *v)
+{
+    for (long i = 0; i < v->sources; i++)
+        lf_scene_release(v->entry->scene, v->source_view[i]);
+    if (v->target >= 0)
+        lf_scene_release(v->entry->scene, v->target);
+    free(v->source_view);
+    free(v->source);
+    *v = (lf_render_view){0};
+}
+
+/* ---- rays -------------------------------------------------------------------------------------
+ */
+
+lf_pixel_rays lf_pixel_rays_create(const lf_render_view *v, long count, const long *pixel)
+{
+    lf_pixel_rays r = {.number = calloc((size_t)count * 7 + 1, sizeof(double))};
+    LF_REQUIRE(r.number, "out of memory for %ld rays", count);
+    double *origin = r.number, *direction = origin + 3 * count, *stretch = direction + 3 * count;
+    for (long i = 0; i < count; i++) {
+        memcpy(origin + 3 * i, v->camera.centre, sizeof v->camera.centre);
+        lf_camera_ray(&v->camera, (double)(pixel[i] % v->camera.width),
+                      (double)(pixel[i] / v->camera.width), direction + 3 * i);
+        double z = 0;
+        for (int a = 0; a < 3; a++)
+            z += v->camera.rotation[3 * a + 2] * direction[3 * i + a];
+        stretch[i] = 1 / z;
+    }
+    r.rays = (lf_target_rays){count, origin, direction, stretch, v->near, v->far};
+    return r;
+}
+
+void lf_pixel_rays_free(lf_pixel_rays *r)
+{
+    free(r->number);
+    *r = (lf_pixel_rays){0};
+}

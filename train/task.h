@@ -1,0 +1,56 @@
+/* task.h: what the training loop trains: a model with its data, behind one face.
+ *
+ * The loop (trainer.c) knows parameters, optimiser, schedule, checkpoints and logs. A task knows
+ * the model, the data and the loss: reconstruction (task_recon.c) or rendering (task_render.c),
+ * chosen by model.type. A step is a pure function of (config, parameters, step).
+ */
+#ifndef LF_TRAIN_TASK_H
+#define LF_TRAIN_TASK_H
+
+#include <jansson.h>
+
+#include "autograd/autograd.h"
+#include "configs/configs.h"
+
+typedef struct lf_task_options {
+    bool quiet, check_finite;
+} lf_task_options;
+
+/* How well the model does on what it is not trained on. */
+typedef struct lf_validation {
+    double loss;       /* the lower the better: picks the best checkpoint */
+    const char *name;  /* of the figure for people, a key of metrics.jsonl: "val_iou" */
+    const char *label; /* the same in words: "IoU of signs" */
+    double figure;
+} lf_validation;
+
+typedef struct lf_task lf_task;
+struct lf_task {
+    void *self;
+    lf_store *store; /* owned */
+    /* Refuse what this machine cannot hold; nothing is read yet. */
+    lf_status (*check)(void *self, lf_error *err);
+    /* Open and prepare the data; the sizes are printed unless quiet. */
+    lf_status (*open)(void *self, lf_error *err);
+    /* Print model and memory, by running `step` once on a copy. */
+    void (*print_plan)(void *self, long step);
+    /* Forward and backward: gradients in the store, the mean loss in *loss; *data_seconds: what was
+     * not computing. LF_BAD_INPUT, LF_FAILED: the data cannot be read. */
+    lf_status (*step)(void *self, long step, double *loss, double *data_seconds, lf_error *err);
+    /* The first op of the last step that was not finite, or NULL. */
+    const char *(*nonfinite)(const void *self);
+    /* False: there is nothing to validate on. */
+    bool (*validates)(const void *self);
+    lf_status (*validate)(void *self, lf_validation *out, lf_error *err);
+    void (*free)(void *self);
+};
+
+/* The task of a config, its model built; cfg and options must outlive it. */
+void lf_task_create(const lf_config *cfg, const lf_task_options *options, lf_task *out);
+void lf_task_free(lf_task *task);
+
+/* The two kinds. */
+void lf_task_recon(const lf_config *cfg, const lf_task_options *options, lf_task *out);
+void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_task *out);
+
+#endif

@@ -1,0 +1,254 @@
+/* task_render.c: rendering as the training loop sees it: scenes, rays, the model. */
+#include <math.h>
+#include <unistd.h>
+
+#include "train/progress.h"
+#include "train/render_data.h"
+#include "train/task.h"
+
+enum { VAL_STEP = 4 }; /* validation renders every so-manieth pixel both ways */
+
+typedef struct render_task {
+    const lf_config *cfg;
+    const lf_task_options *options;
+    lf_scene_set *scenes, *val;
+    lf_store *store;
+    lf_render model;
+    lf_render_work *work;
+    lf_render_batches *batches;
+} render_task;
+
+/* ---- data -------------------------------------------------------------------------------------
+ */
+
+typedef struct open_progress {
+    lf_progress progress;
+    double started;
+} open_progress;
+
+static void opened(void *context, long done, long total)
+{
+    open_progress *p = context;
+    (void)total;
+    lf_progress_update(&p->progress, done, lf_seconds_now() - p->started, "opening scenes");
+}
+
+static void describe(const char *split, const lf_scene_set *set)
+{
+    for (long i = 0; i < set->count; i++) {
+        const lf_scene_entry *e = &set->entry[i];
+        const lf_camera *c = &e->scene->view[0].camera;
+        double near, far;
+        lf_scene_depths_of(e, c, &near, &far);
+        if (e->builtin)
+            continue;
+        printf(
+            "%s: %s: %ld + %ld + %ld views (train, val, test) of %d x %d, depths %.3g to %.3g%s, "
+            "sources by %s, %s ground\n",
+            split, e->name, e->count[0], e->count[1], e->count[2], c->width, c->height, near, far,
+            e->near_raised ? " (near raised to far / 1000)" : "",
+            e->nearness == LF_NEAR_ANGLE ? "angle" : "distance", e->white ? "white" : "black");
+        if (e->scene->left)
+            printf("  %ld frames left out; elf-eval check-data %s lists them\n", e->scene->left,
+                   e->name);
+    }
+}
+
+static lf_status open_split(const render_task *t, const char *split, lf_scene_set **out,
+                            lf_error *err)
+{
+    open_progress p = {lf_progress_start(stdout, "scene", 0, 1, t->options->quiet),
+                       lf_seconds_now()};
+    const lf_status status = lf_render_scenes(t->cfg, split, opened, &p, out, err);
+    lf_progress_end(&p.progress);
+    if (status == LF_OK && *out && !t->options->quiet)
+        describe(split, *out);
+    return status;
+}
+
+static lf_status open_data(void *self, lf_error *err)
+{
+    render_task *t = self;
+    LF_TRY(open_split(t, "train", &t->scenes, err));
+    LF_TRY(open_split(t, "val", &t->val, err));
+    LF_TRY(lf_render_batches_create(t->cfg, t->scenes, &t->batches, err));
+    long views = 0, builtin = 0;
+    for (long i = 0; i < t->scenes->count; i++) {
+        views += t->scenes->entry[i].count[LF_SPLIT_TRAIN];
+        builtin += t->scenes->entry[i].builtin;
+    }
+    if (!t->options->quiet)
+        printf("train: %ld scenes, %ld of them built in, %ld views\n", t->scenes->count, builtin,
+               views);
+    return LF_OK;
+}
+
+/* ---- the step ---------------------------------------------------------------------------------
+ */
+
+static lf_status run_step(void *self, long step, double *loss, double *data_seconds, lf_error *err)
+{
+    render_task *t = self;
+    const double start = lf_seconds_now();
+    lf_render_batch batch;
+    LF_TRY(lf_render_batches_at(t->batches, step, &batch, err));
+    *data_seconds = lf_seconds_now() - start;
+    *loss = lf_render_step(t->work, &batch, NULL);
+    return LF_OK;
+}
+
+static const char *nonfinite(const void *self)
+{
+    const render_task *t = self;
+    return lf_render_nonfinite(t->work);
+}
+
+/* Multiply-adds of a step, forward. */
+static double step_macs(const render_task *t, const lf_render_batch *b)
+{
+    double macs = (double)b->rays.count * lf_render_ray_macs(&t->model);
+    for (long v = 0; v < b->views; v++)
+        macs += lf_render_picture_macs(&t->model, b->source[v].height, b->source[v].width);
+    return macs;
+}
+
+static void print_plan(void *self, long step)
+{
+    render_task *t = self;
+    lf_store *store = lf_store_create(0);
+    lf_render model;
+    lf_render_batch batch;
+    lf_error err;
+    lf_render_init(&model, store, &t->model.config);
+    lf_render_work *work = lf_render_work_create(&model, lf_config_int(t->cfg, "train.tile_rays"));
+    if (lf_render_batches_at(t->batches, step, &batch, &err) == LF_OK) {
+        lf_render_step(work, &batch, NULL);
+        size_t pictures = 0;
+        for (long i = 0; i < t->scenes->count; i++)
+            pictures += lf_scene_bytes(t->scenes->entry[i].scene);
+        printf("model: %ld parameters, %.3g GFLOP a step (forward and backward)\n",
+               lf_store_trainable(store), 6e-9 * step_macs(t, &batch));
+        printf("memory: %.0f MB of pictures (at most data.cache_mb = %ld), %.0f MB of tapes and "
+               "lanes, %.1f MB of parameters, gradients and moments\n",
+               (double)pictures * 1e-6, lf_config_int(t->cfg, "data.cache_mb"),
+               (double)lf_render_work_bytes(work) * 1e-6,
+               4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6);
+    }
+    lf_render_work_free(work);
+    lf_render_free(&model);
+    lf_store_free(store);
+}
+
+/* From below: what the feature network keeps of the sources' pictures. Sizes are not known before
+ * the scenes are read, so the longest edge that is allowed stands for them. */
+static lf_status check_memory(void *self, lf_error *err)
+{
+    const render_task *t = self;
+    const lf_render_config *c = &t->model.config;
+    const double edge = (double)lf_config_int(t->cfg, "data.longest");
+    const double maps = 8.0 * LF_RENDER_LANES * edge * edge / 16 * (double)c->features.features;
+    const double needed = (double)c->sources * (edge * edge * 3 + maps / 8) * sizeof(lf_real);
+    const double there = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGE_SIZE);
+    if (needed <= there)
+        return LF_OK;
+    return lf_fail(err, LF_BAD_INPUT,
+                   "a step would keep at least %.1f GB of pictures and maps, and this machine has "
+                   "%.1f GB: lower data.longest, render.sources or render.features",
+                   1e-9 * needed, 1e-9 * there);
+}
+
+/* ---- validation -------------------------------------------------------------------------------
+ */
+
+static bool validates(const void *self)
+{
+    const render_task *t = self;
+    return lf_config_int(t->cfg, "data.val_shapes") > 0;
+}
+
+/* Mean squared error of every VAL_STEP-th pixel of a view. */
+static lf_status view_error(const render_task *t, const lf_scene_entry *e, long target, double *mse,
+                            lf_error *err)
+{
+    const lf_render_view_options o = {.sources = t->model.config.sources};
+    lf_render_view v;
+    LF_TRY(lf_render_view_open(e, target, &o, &v, err));
+    const long across = (v.camera.width + VAL_STEP - 1) / VAL_STEP;
+    const long down = (v.camera.height + VAL_STEP - 1) / VAL_STEP, n = across * down;
+    long *pixel = calloc((size_t)n, sizeof *pixel);
+    float *number = calloc((size_t)n, 5 * sizeof *number);
+    LF_REQUIRE(pixel && number, "out of memory for %ld pixels", n);
+    for (long i = 0; i < n; i++)
+        pixel[i] = i / across * VAL_STEP * v.camera.width + i % across * VAL_STEP;
+    lf_pixel_rays rays = lf_pixel_rays_create(&v, n, pixel);
+    lf_render_image image = {number, number + 3 * n, number + 4 * n, 0};
+    const lf_render_savings none = lf_render_savings_none();
+    lf_render_encode(t->work, v.sources, v.source);
+    lf_render_rays(t->work, &rays.rays, e->white, &none, &image);
+    double sum = 0;
+    for (long i = 0; i < 3 * n; i++) {
+        const double x = (double)number[i], cut = x < 0 ? 0 : x > 1 ? 1 : x; /* NaN stays */
+        const double d = cut - v.pixels.rgb[3 * pixel[i / 3] + i % 3] / 255.0;
+        sum += d * d;
+    }
+    *mse = sum / (3 * (double)n);
+    lf_pixel_rays_free(&rays);
+    lf_render_view_release(&v);
+    free(pixel);
+    free(number);
+    return LF_OK;
+}
+
+/* A view of each scene in turn, evenly over its list, until there are enough. */
+static lf_status validate(void *self, lf_validation *out, lf_error *err)
+{
+    const render_task *t = self;
+    const lf_scene_set *set = t->val ? t->val : t->scenes;
+    const long most = lf_config_int(t->cfg, "data.val_shapes");
+    double loss = 0, psnr = 0;
+    long done = 0;
+    for (long round = 0; done < most; round++) {
+        const long before = done;
+        for (long i = 0; i < set->count && done < most; i++) {
+            long count;
+            const long *target = lf_render_targets(&set->entry[i], "val", &count);
+            if (round >= count)
+                continue;
+            double mse;
+            LF_TRY(view_error(t, &set->entry[i], target[(round * 7 + 3) % count], &mse, err));
+            loss += mse;
+            psnr += -10 * log10(fmax(mse, 1e-10));
+            done++;
+        }
+        if (done == before)
+            break;
+    }
+    *out = (lf_validation){loss / (double)done, "val_psnr", "PSNR", psnr / (double)done};
+    return LF_OK;
+}
+
+static void free_task(void *self)
+{
+    render_task *t = self;
+    lf_render_batches_free(t->batches);
+    lf_render_work_free(t->work);
+    lf_render_free(&t->model);
+    lf_scene_set_close(t->val);
+    lf_scene_set_close(t->scenes);
+    free(t);
+}
+
+void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_task *out)
+{
+    render_task *t = calloc(1, sizeof *t);
+    LF_REQUIRE(t, "out of memory");
+    const lf_render_config config = lf_render_config_from(cfg);
+    t->cfg = cfg;
+    t->options = options;
+    t->store = lf_store_create((uint64_t)lf_config_int(cfg, "train.seed"));
+    lf_render_init(&t->model, t->store, &config);
+    t->work = lf_render_work_create(&t->model, lf_config_int(cfg, "train.tile_rays"));
+    lf_render_work_check(t->work, options->check_finite);
+    *out = (lf_task){t,        t->store,  check_memory, open_data, print_plan,
+                     run_step, nonfinite, validates,    validate,  free_task};
+}
