@@ -163,6 +163,51 @@ static void test_reference(void **state)
     check_reference(resnet(8, 6, 1, 2, 1), 34, 37, of_resnet);
 }
 
+/* ---- where a map looks ----------------------------------------------------------------------- */
+
+/* The map's middle line with image column c (or none: -1) brighter. All filters are positive means,
+ * so that ELU changes nothing and the network is linear. */
+static const lf_real *middle_line(net *n, long height, long width, long c)
+{
+    for (int k = 0; k < lf_store_count(n->store); k++) {
+        const lf_parameter *p = lf_store_at(n->store, k);
+        for (long i = 0; p->rank == 4 && i < p->size; i++)
+            lf_values(p)[i] = (lf_real)(1.0 / (double)(p->dim[0] * p->dim[1] * p->dim[2]));
+    }
+    lf_tensor *x = lf_tensor_new(n->tape, 4, LF_DIMS(1, height, width, 3));
+    for (long i = 0; i < x->size; i++)
+        x->value[i] = i / 3 % width == c ? 1 : (lf_real)0.75;
+    const lf_tensor *y = lf_feature_net_forward(n->tape, &n->features, x);
+    return y->value + y->dim[1] / 2 * y->dim[2] * y->dim[3];
+}
+
+/* The mean image column that map column j depends on, weighted by how much it does. */
+static double centre_of(net *n, long height, long width, long j)
+{
+    double sum = 0, first = 0;
+    lf_tape_reset(n->tape);
+    const lf_real *rest = middle_line(n, height, width, -1);
+    for (long c = 0; c < width; c++) {
+        const double d = (double)(middle_line(n, height, width, c)[j] - rest[j]);
+        sum += d;
+        first += d * (double)c;
+    }
+    return first / sum;
+}
+
+static void test_where_a_map_looks(void **state)
+{
+    (void)state;
+    net n = open_net(small(2, 1));
+    lf_tape_set_grad(n.tape, false);
+    /* a third of the last filter looks at p, centred on column 2 j; the rest at q, a pixel before,
+       or on average there where the width is 4 m + 1 */
+    for (long j = 12; j <= 20; j += 4)
+        assert_close(centre_of(&n, 16, 64, j), 2.0 * (double)j - 2.0 / 3, 0, 1e-3);
+    assert_close(centre_of(&n, 17, 65, 16), 32, 0, 1e-3);
+    close_net(&n);
+}
+
 /* ---- gradient and threads -------------------------------------------------------------------- */
 
 /* Sum of fixed weights times the map. */
@@ -249,9 +294,13 @@ static void test_threads_change_no_bit(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sizes),    cmocka_unit_test(test_parameters_and_cost),
-        cmocka_unit_test(test_kept),     cmocka_unit_test(test_reference),
-        cmocka_unit_test(test_gradient), cmocka_unit_test(test_threads_change_no_bit),
+        cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_parameters_and_cost),
+        cmocka_unit_test(test_kept),
+        cmocka_unit_test(test_reference),
+        cmocka_unit_test(test_where_a_map_looks),
+        cmocka_unit_test(test_gradient),
+        cmocka_unit_test(test_threads_change_no_bit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
