@@ -1,7 +1,7 @@
 /* op_sample_views.c: what source views show at projected points: colours and features
  *                                                                               [method.md 5b.1]
  *   y[q, v] = [ bilinear rgb of the picture at (u, w) / 255 | bilinear features of the map there ]
- *   map texel of (u, w): ((u + 1/2) w_m / W - 1/2, ..), cut to the map;  0 where the mask is 0
+ *   map texel of (u, w): (u, w) / stride, cut to the map;  0 where the mask is 0
  *   backward    dmap[t][c] += w_t dy[q, v, 3 + c];  pictures have no gradient
  *
  * Shapes     maps: one flat array, of view v [h_v, w_v, all channels] from offset_v on, of which
@@ -45,9 +45,7 @@ static texels locate(double u, double w, long height, long width)
 
 static texels locate_map(const lf_view_map *v, const double *uv)
 {
-    return locate((uv[0] + 0.5) * (double)v->map_width / (double)v->width - 0.5,
-                  (uv[1] + 0.5) * (double)v->map_height / (double)v->height - 0.5, v->map_height,
-                  v->map_width);
+    return locate(uv[0] / v->stride, uv[1] / v->stride, v->map_height, v->map_width);
 }
 
 static void sample_colour(const lf_view_map *v, const double *uv, lf_real *restrict y)

@@ -53,14 +53,15 @@ lf_tensor *lf_sample_maps(lf_tape *tape, int count, lf_tensor *const *maps, long
 
 /* What V source views show at Q points, [Q, V, 3 + channels]: colours (0..1) of their pictures and
  * `channels` features from `first` on of their maps, bilinear at uv [Q, V, 2] (doubles, pixels of
- * the view's picture, centres at integers). A map covers its picture edge to edge. Where mask [Q,
- * V] is 0: zeros and no gradient. maps is the flat array that holds the maps of all views, each
+ * the view's picture, centres at integers), which is uv / stride in the map, cut to it. Where mask
+ * [Q, V] is 0: zeros and no gradient. maps is the flat array that holds the maps of all views, each
  * [map_height, map_width, map_channels] from its offset on; it gets the gradient. Views may differ
  * in size.                                                                      [method.md 5b.1]
  */
 typedef struct lf_view_map {
     const uint8_t *rgb; /* [height][width][3] */
     long height, width;
+    double stride; /* pixels of the picture from one texel of the map to the next */
     long map_height, map_width, map_channels, offset;
 } lf_view_map;
 lf_tensor *lf_sample_views(lf_tape *tape, lf_tensor *maps, long views, const lf_view_map *view,

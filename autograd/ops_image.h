@@ -44,6 +44,15 @@ lf_tensor *lf_field_norm(lf_tape *tape, lf_tensor *x, lf_tensor *gamma, lf_tenso
  * Of equal values the first in row order gets the gradient. x [N, H, W, C], pad < size. */
 lf_tensor *lf_max_pool(lf_tape *tape, lf_tensor *x, long size, long stride, long pad);
 
+/* The image with a border that mirrors it at its outermost pixels, which are not repeated: x
+ * [N, H, W, C] -> [N, H + 2 pad, W + 2 pad, C]; H and W > pad. */
+lf_tensor *lf_reflect_pad(lf_tape *tape, lf_tensor *x, long pad);
+
+/* Maps at another size, bilinear: x [N, H, W, C] -> [N, height, width, C]. Corners aligned: line i
+ * of the result is line i (H - 1) / (height - 1) of x; else (i + 1/2) H / height - 1/2, at least 0.
+ * Lines beyond the last are the last; likewise columns. */
+lf_tensor *lf_resize(lf_tape *tape, lf_tensor *x, long height, long width, bool aligned);
+
 /* y[..., f] = sum of the `group` adjacent channels of field f: x [..., group F] -> [..., F]. */
 lf_tensor *lf_group_sum(lf_tape *tape, lf_tensor *x, long group);
 

@@ -133,8 +133,10 @@ static void place_maps(lf_render_work *w, const lf_tensor *map, long first, long
     const long size = map->size / count;
     for (long v = first; v < first + count; v++) {
         const lf_source *s = w->source + v;
-        w->view[v] = (lf_view_map){s->rgb,      s->height,   s->width,    map->dim[1],
-                                   map->dim[2], map->dim[3], w->maps_size};
+        w->view[v] = (lf_view_map){s->rgb,      s->height,
+                                   s->width,    (double)lf_feature_net_stride(&w->model->features),
+                                   map->dim[1], map->dim[2],
+                                   map->dim[3], w->maps_size};
         w->maps_size += size;
     }
 }

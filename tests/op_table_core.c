@@ -132,8 +132,8 @@ static int sample_views(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf
     for (int i = 0; i < 5 * 7 * 3; i++)
         rgb[i] = (uint8_t)(i * 37);
     lf_view_map *view = lf_alloc(tape, VIEWS * sizeof *view);
-    view[0] = (lf_view_map){rgb, 5, 5, 3, 3, 4, 0};
-    view[1] = (lf_view_map){rgb, 5, 7, 3, 4, 4, 36};
+    view[0] = (lf_view_map){rgb, 5, 5, 2, 3, 3, 4, 0};
+    view[1] = (lf_view_map){rgb, 5, 7, 2, 3, 4, 4, 36};
     out[0] = lf_sample_views(tape, in[0], VIEWS, view, 1, 2, POINTS, uv, in[1]->value);
     return 1;
 }

@@ -77,6 +77,30 @@ static int max_pool(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_ten
     return 1;
 }
 
+static int reflect_pad(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_reflect_pad(tape, in[0], 1);
+    out[1] = lf_reflect_pad(tape, in[0], 2);
+    return 2;
+}
+
+static int resize_aligned(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_resize(tape, in[0], 7, 8, true);
+    out[1] = lf_resize(tape, in[0], 1, 2, true);
+    return 2;
+}
+
+static int resize(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_resize(tape, in[0], 7, 8, false);
+    out[1] = lf_resize(tape, in[0], 1, 2, false);
+    return 2;
+}
+
 static int group_sum(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
@@ -165,6 +189,12 @@ const op_case image_cases[] = {
     {"field_norm: running statistics", norm_running, NORM_INPUTS(4, 8, 1), 4, 0},
     {"field_norm: instance", norm_instance, NORM_INPUTS(4, 16, 2), 4, 0},
     {"max_pool: 3x3, stride 2", max_pool, {{4, {2, 5, 7, 3}, FILL_DISTINCT, false}}, 1, 0},
+    {"reflect_pad: wide", reflect_pad, {{4, {2, 4, 6, 3}, FILL_NORMAL, false}}, 1, 0},
+    {"reflect_pad: smallest", reflect_pad, {{4, {2, 3, 3, 2}, FILL_NORMAL, false}}, 1, 0},
+    {"resize: corners aligned", resize_aligned, {{4, {2, 4, 5, 3}, FILL_NORMAL, false}}, 1, 0},
+    {"resize: aligned, one line", resize_aligned, {{4, {2, 1, 3, 2}, FILL_NORMAL, false}}, 1, 0},
+    {"resize: corners not aligned", resize, {{4, {2, 4, 5, 3}, FILL_NORMAL, false}}, 1, 0},
+    {"resize: not aligned, one line", resize, {{4, {2, 1, 3, 2}, FILL_NORMAL, false}}, 1, 0},
     {"group_sum", group_sum, {{4, {2, 3, 2, 16}, FILL_NORMAL, false}}, 1, 0},
     {"c8_expand: lift, 5x5", expand_lift, {{3, {2, 3, 11}, FILL_NORMAL, false}}, 1, 0},
     {"c8_expand: regular, 3x3", expand_regular, {{4, {2, 3, 8, 6}, FILL_NORMAL, false}}, 1, 0},

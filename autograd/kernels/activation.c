@@ -7,16 +7,29 @@
 #include "autograd/kernels/kernels.h"
 #include "autograd/kernels/wide.h"
 
+/* n <= LF_WIDE numbers; a NaN stays a NaN. */
+LF_INLINE void activate(const long n, const bool sigmoid, lf_real *y)
+{
+    const lf_wide x = lf_wide_load(y, n);
+    lf_wide_store(y, n, sigmoid ? lf_wide_sigmoid(x) : lf_wide_elu(x));
+}
+
+LF_INLINE void activate_all(long n, const bool sigmoid, lf_real *y)
+{
+    for (; n >= LF_WIDE; n -= LF_WIDE, y += LF_WIDE)
+        activate(LF_WIDE, sigmoid, y); /* of a size that the compiler knows */
+    if (n > 0)
+        activate(n, sigmoid, y);
+}
+
 void lf_kernel_activate(long n, lf_activation act, lf_real *y)
 {
-    for (long i = 0; act != LF_IDENTITY && i < n; i += LF_WIDE) {
-        const long here = n - i < LF_WIDE ? n - i : LF_WIDE;
-        const lf_wide x = lf_wide_load(y + i, here), zero = {0};
-        const lf_wide result = act == LF_ELU       ? lf_wide_elu(x)
-                               : act == LF_SIGMOID ? lf_wide_sigmoid(x)
-                                                   : lf_wide_select(x < 0, zero, x);
-        lf_wide_store(y + i, here, result); /* a NaN stays a NaN in all of them */
-    }
+    if (act == LF_ELU)
+        activate_all(n, false, y);
+    else if (act == LF_SIGMOID)
+        activate_all(n, true, y);
+    for (long i = 0; act == LF_RELU && i < n; i++)
+        y[i] = y[i] < 0 ? 0 : y[i];
 }
 
 void lf_kernel_activation_dz(long n, lf_activation act, const lf_real *y, const lf_real *dy,

@@ -41,18 +41,40 @@ LF_INLINE lf_wide lf_wide_all(lf_real x)
     return x - (lf_wide){0};
 }
 
-/* condition ? a : b, lane by lane; condition is the result of a comparison. */
-LF_INLINE lf_wide lf_wide_select(lf_wide_bits condition, lf_wide a, lf_wide b)
+/* Comparisons are loops over single numbers, which compilers make into vectors of the machine's own
+ * width; those of wide vectors they would split into single numbers. */
+
+/* x > 0 ? a : b, number by number */
+LF_INLINE lf_wide lf_wide_where_positive(lf_wide x, lf_wide a, lf_wide b)
 {
-    return (lf_wide)((condition & (lf_wide_bits)a) | (~condition & (lf_wide_bits)b));
+    lf_real at[LF_WIDE], from[LF_WIDE], to[LF_WIDE];
+    memcpy(at, &x, sizeof at);
+    memcpy(from, &a, sizeof from);
+    memcpy(to, &b, sizeof to);
+    for (int i = 0; i < LF_WIDE; i++)
+        to[i] = at[i] > 0 ? from[i] : to[i];
+    memcpy(&b, to, sizeof b);
+    return b;
+}
+
+/* x cut to +-LF_WIDE_MOST; NaN stays NaN. */
+LF_INLINE lf_wide lf_wide_cut(lf_wide x)
+{
+    const lf_real most = LF_WIDE_MOST;
+    lf_real at[LF_WIDE];
+    memcpy(at, &x, sizeof at);
+    for (int i = 0; i < LF_WIDE; i++) {
+        const lf_real below = most < at[i] ? most : at[i];
+        at[i] = -most > below ? -most : below;
+    }
+    memcpy(&x, at, sizeof x);
+    return x;
 }
 
 /* e^x = scale (1 + rest): what exp and expm1 share. */
 LF_INLINE lf_wide lf_wide_exp_parts(lf_wide x, lf_wide *rest)
 {
-    const lf_wide most = lf_wide_all(LF_WIDE_MOST);
-    x = lf_wide_select(x > most, most, x);
-    x = lf_wide_select(x < -most, -most, x);
+    x = lf_wide_cut(x);
     const lf_wide shifted = x * (lf_real)1.44269504088896341 + LF_WIDE_ROUND;
     const lf_wide n = shifted - LF_WIDE_ROUND;
     const lf_wide r = (x - n * LF_WIDE_LN2_HIGH) - n * LF_WIDE_LN2_LOW;
@@ -98,7 +120,7 @@ LF_INLINE lf_wide lf_wide_sigmoid(lf_wide x)
 /* x > 0 ? x : e^x - 1 */
 LF_INLINE lf_wide lf_wide_elu(lf_wide x)
 {
-    return lf_wide_select(x > 0, x, lf_wide_expm1(x));
+    return lf_wide_where_positive(x, x, lf_wide_expm1(x));
 }
 
 LF_INLINE lf_real lf_wide_sum(lf_wide v)
