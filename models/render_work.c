@@ -12,7 +12,7 @@ typedef struct lane {
 } lane;
 
 struct lf_render_work {
-    const lf_render *model;
+    const lf_renderer *model;
     long tile, head_size;
     lf_tape *features;
     lf_tape *worker[LF_RENDER_LANES]; /* one a thread; any tile may run on any of them */
@@ -39,7 +39,7 @@ static int workers(void)
     return n < LF_RENDER_LANES ? n : LF_RENDER_LANES;
 }
 
-lf_render_work *lf_render_work_create(const lf_render *model, long tile)
+lf_render_work *lf_render_work_create(const lf_renderer *model, long tile)
 {
     LF_REQUIRE(tile >= 1, "a workspace with tiles of %ld rays", tile);
     lf_render_work *w = room(sizeof *w);
@@ -190,7 +190,7 @@ typedef struct passed {
 static lf_light_geometry geometry_of(lf_tape *tape, const lf_render_work *w, const tile *t,
                                      const lf_seen_samples *seen)
 {
-    const lf_types types = lf_render_types(w->model);
+    const lf_types types = lf_renderer_types(w->model);
     const lf_light_rays rays = {t->count,
                                 t->samples,
                                 w->views,
@@ -219,7 +219,7 @@ static passed pass(lf_tape *tape, const lf_render_work *w, const tile *t, int ne
         w->model->config.equivariant
             ? NULL
             : lf_ray_differences(tape, t->rays, t->from, t->count, t->samples, &seen, w->views)};
-    const lf_radiance radiance = lf_render_radiance(tape, w->model, network, &in);
+    const lf_radiance radiance = lf_renderer_radiance(tape, w->model, network, &in);
     lf_tensor *depth = lf_tensor_new(tape, 2, LF_DIMS(t->count, t->samples));
     for (long i = 0; i < points; i++)
         depth->value[i] = (lf_real)t->depth[i];
@@ -268,7 +268,7 @@ static void draw_ray(const step *s, lf_tape *tape, long ray)
 static double refine_rays(const step *s, lf_tape *tape, const tile *coarse, const lf_real *weight,
                           lf_tensor *maps, lf_tensor **loss)
 {
-    const lf_render_config *c = &s->work->model->config;
+    const lf_renderer_config *c = &s->work->model->config;
     const long all = c->samples + c->fine;
     double *depth = lf_alloc(tape, (size_t)(coarse->count * all) * sizeof *depth);
     for (long i = 0; i < coarse->count; i++) {
@@ -408,7 +408,7 @@ typedef struct evaluation {
     const lf_target_rays *rays;
     const lf_render_savings *savings;
     bool white;
-    lf_render_image *out;
+    lf_ray_image *out;
 } evaluation;
 
 static bool inside(const lf_bounds *b, const double p[3])
@@ -471,7 +471,7 @@ static long rows_of(const passed *p)
 static const passed *fine_pass(const evaluation *e, lf_tape *tape, const tile *t,
                                const passed *coarse, lf_tensor *maps, passed *out)
 {
-    const lf_render_config *c = &e->work->model->config;
+    const lf_renderer_config *c = &e->work->model->config;
     const long all = t->samples + c->fine;
     double *depth = lf_alloc(tape, (size_t)(t->count * all) * sizeof *depth);
     for (long i = 0; i < t->count; i++)
@@ -548,7 +548,7 @@ static bool saves(const lf_render_savings *s)
 }
 
 void lf_render_rays(lf_render_work *work, const lf_target_rays *rays, bool white,
-                    const lf_render_savings *savings, lf_render_image *out)
+                    const lf_render_savings *savings, lf_ray_image *out)
 {
     const evaluation e = {work, rays, savings, white, out};
     const bool saving = saves(savings);

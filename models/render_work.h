@@ -9,14 +9,14 @@
 #define LF_MODELS_RENDER_WORK_H
 
 #include "models/ray_samples.h"
-#include "models/render.h"
+#include "models/renderer.h"
 
 enum { LF_RENDER_LANES = 8 };
 
 typedef struct lf_render_work lf_render_work;
 
 /* Workspace of a model; `tile` rays a tile. Free it before the model. */
-lf_render_work *lf_render_work_create(const lf_render *model, long tile);
+lf_render_work *lf_render_work_create(const lf_renderer *model, long tile);
 void lf_render_work_free(lf_render_work *work);
 /* Check every op for NaN and infinities: slower. */
 void lf_render_work_check(lf_render_work *work, bool on);
@@ -54,15 +54,15 @@ typedef struct lf_render_savings {
 } lf_render_savings;
 lf_render_savings lf_render_savings_none(void);
 
-typedef struct lf_render_image {
+typedef struct lf_ray_image {
     float *colour;  /* [N, 3] */
     float *depth;   /* [N] mean depth (along the camera's axis) of what the ray meets, or far */
     float *opacity; /* [N] */
     long rows;      /* (sample, view) pairs that a network computed */
-} lf_render_image;
+} lf_ray_image;
 
 /* Render the rays into out's arrays, the caller's. Rays are spread over threads inside. */
 void lf_render_rays(lf_render_work *work, const lf_target_rays *rays, bool white,
-                    const lf_render_savings *savings, lf_render_image *out);
+                    const lf_render_savings *savings, lf_ray_image *out);
 
 #endif

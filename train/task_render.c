@@ -13,7 +13,7 @@ typedef struct render_task {
     const lf_task_options *options;
     lf_scene_set *scenes, *val;
     lf_store *store;
-    lf_render model;
+    lf_renderer model;
     lf_render_work *work;
     lf_render_batches *batches;
 } render_task;
@@ -106,9 +106,9 @@ static const char *nonfinite(const void *self)
 /* Multiply-adds of a step, forward. */
 static double step_macs(const render_task *t, const lf_render_batch *b)
 {
-    double macs = (double)b->rays.count * lf_render_ray_macs(&t->model);
+    double macs = (double)b->rays.count * lf_renderer_ray_macs(&t->model);
     for (long v = 0; v < b->views; v++)
-        macs += lf_render_picture_macs(&t->model, b->source[v].height, b->source[v].width);
+        macs += lf_renderer_picture_macs(&t->model, b->source[v].height, b->source[v].width);
     return macs;
 }
 
@@ -116,10 +116,10 @@ static void print_plan(void *self, long step)
 {
     render_task *t = self;
     lf_store *store = lf_store_create(0);
-    lf_render model;
+    lf_renderer model;
     lf_render_batch batch;
     lf_error err;
-    lf_render_init(&model, store, &t->model.config);
+    lf_renderer_init(&model, store, &t->model.config);
     lf_render_work *work = lf_render_work_create(&model, lf_config_int(t->cfg, "train.tile_rays"));
     if (lf_render_batches_at(t->batches, step, &batch, &err) == LF_OK) {
         lf_render_step(work, &batch, NULL);
@@ -135,7 +135,7 @@ static void print_plan(void *self, long step)
                4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6);
     }
     lf_render_work_free(work);
-    lf_render_free(&model);
+    lf_renderer_free(&model);
     lf_store_free(store);
 }
 
@@ -144,7 +144,7 @@ static void print_plan(void *self, long step)
 static lf_status check_memory(void *self, lf_error *err)
 {
     const render_task *t = self;
-    const lf_render_config *c = &t->model.config;
+    const lf_renderer_config *c = &t->model.config;
     const double edge = (double)lf_config_int(t->cfg, "data.longest");
     const double maps = 8.0 * LF_RENDER_LANES * edge * edge / 16 * (double)c->features.features;
     const double needed = (double)c->sources * (edge * edge * 3 + maps / 8) * sizeof(lf_real);
@@ -181,7 +181,7 @@ static lf_status view_error(const render_task *t, const lf_scene_entry *e, long 
     for (long i = 0; i < n; i++)
         pixel[i] = i / across * VAL_STEP * v.camera.width + i % across * VAL_STEP;
     lf_pixel_rays rays = lf_pixel_rays_create(&v, n, pixel);
-    lf_render_image image = {number, number + 3 * n, number + 4 * n, 0};
+    lf_ray_image image = {number, number + 3 * n, number + 4 * n, 0};
     const lf_render_savings none = lf_render_savings_none();
     lf_render_encode(t->work, v.sources, v.source);
     lf_render_rays(t->work, &rays.rays, e->white, &none, &image);
@@ -232,7 +232,7 @@ static void free_task(void *self)
     render_task *t = self;
     lf_render_batches_free(t->batches);
     lf_render_work_free(t->work);
-    lf_render_free(&t->model);
+    lf_renderer_free(&t->model);
     lf_scene_set_close(t->val);
     lf_scene_set_close(t->scenes);
     free(t);
@@ -242,11 +242,11 @@ void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_tas
 {
     render_task *t = calloc(1, sizeof *t);
     LF_REQUIRE(t, "out of memory");
-    const lf_render_config config = lf_render_config_from(cfg);
+    const lf_renderer_config config = lf_renderer_config_from(cfg);
     t->cfg = cfg;
     t->options = options;
     t->store = lf_store_create((uint64_t)lf_config_int(cfg, "train.seed"));
-    lf_render_init(&t->model, t->store, &config);
+    lf_renderer_init(&t->model, t->store, &config);
     t->work = lf_render_work_create(&t->model, lf_config_int(cfg, "train.tile_rays"));
     lf_render_work_check(t->work, options->check_finite);
     *out = (lf_task){t,        t->store,  check_memory, open_data, print_plan,

@@ -1,5 +1,5 @@
-/* render.c: see render.h. */
-#include "models/render.h"
+/* renderer.c: see renderer.h. */
+#include "models/renderer.h"
 
 static lf_types types_of(const lf_config *cfg)
 {
@@ -11,12 +11,12 @@ static lf_types types_of(const lf_config *cfg)
     return types;
 }
 
-lf_render_config lf_render_config_from(const lf_config *cfg)
+lf_renderer_config lf_renderer_config_from(const lf_config *cfg)
 {
     const long channels = lf_config_int(cfg, "render.features");
     const long fine = lf_config_int(cfg, "render.fine_samples");
     const bool resnet = lf_config_is(cfg, "render.feature_net", "resnet34");
-    return (lf_render_config){
+    return (lf_renderer_config){
         .equivariant = lf_config_is(cfg, "model.type", "renderer"),
         .features = {.kind = resnet ? LF_FEATURES_RESNET34 : LF_FEATURES_SMALL,
                      .width = lf_config_int(cfg, "render.feature_width"),
@@ -38,10 +38,10 @@ lf_render_config lf_render_config_from(const lf_config *cfg)
         .fine = fine};
 }
 
-void lf_render_init(lf_render *model, lf_store *store, const lf_render_config *config)
+void lf_renderer_init(lf_renderer *model, lf_store *store, const lf_renderer_config *config)
 {
     static const char *const name[LF_RAY_NETWORKS] = {"coarse", "fine"};
-    *model = (lf_render){
+    *model = (lf_renderer){
         .config = *config, .store = store, .networks = config->fine > 0 ? LF_RAY_NETWORKS : 1};
     lf_feature_net_init(store, "features", &config->features, &model->features);
     model->head_first = lf_store_size(store);
@@ -53,36 +53,36 @@ void lf_render_init(lf_render *model, lf_store *store, const lf_render_config *c
     }
 }
 
-void lf_render_free(lf_render *model)
+void lf_renderer_free(lf_renderer *model)
 {
     lf_feature_net_free(&model->features);
 }
 
-lf_radiance lf_render_radiance(lf_tape *tape, const lf_render *model, int network,
-                               const lf_ray_inputs *in)
+lf_radiance lf_renderer_radiance(lf_tape *tape, const lf_renderer *model, int network,
+                                 const lf_ray_inputs *in)
 {
     if (model->config.equivariant)
         return lf_ray_equivariant_apply(tape, &model->equivariant[network], in);
     return lf_ibrnet_apply(tape, &model->ibrnet[network], in);
 }
 
-lf_types lf_render_types(const lf_render *model)
+lf_types lf_renderer_types(const lf_renderer *model)
 {
     return model->config.equivariant ? model->config.ray.types : (lf_types){1, {0}};
 }
 
-static double sample_macs(const lf_render *model, long samples)
+static double sample_macs(const lf_renderer *model, long samples)
 {
-    const lf_render_config *c = &model->config;
+    const lf_renderer_config *c = &model->config;
     const double sampling = 4 * (double)(c->channels + LF_RGB) * (double)c->sources;
     return sampling + (c->equivariant
                            ? lf_ray_equivariant_macs(&model->equivariant[0], samples, c->sources)
                            : lf_ibrnet_macs(&model->ibrnet[0], samples, c->sources));
 }
 
-double lf_render_ray_macs(const lf_render *model)
+double lf_renderer_ray_macs(const lf_renderer *model)
 {
-    const lf_render_config *c = &model->config;
+    const lf_renderer_config *c = &model->config;
     double macs = (double)c->samples * sample_macs(model, c->samples);
     const long all = c->samples + c->fine;
     if (c->fine > 0)
@@ -90,7 +90,7 @@ double lf_render_ray_macs(const lf_render *model)
     return macs;
 }
 
-double lf_render_picture_macs(const lf_render *model, long height, long width)
+double lf_renderer_picture_macs(const lf_renderer *model, long height, long width)
 {
     return lf_feature_net_macs(&model->features, height, width);
 }
