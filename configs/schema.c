@@ -164,7 +164,10 @@ const lf_key lf_schema[] = {
     INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
     INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; resolution is it times a power of two."),
     INT("eval.views", "0", 0, 100000, "Renderers: most views of a scene to evaluate; 0: all."),
-    REAL("eval.stop", "0", 0, 1, "Renderers: samples behind which less than this much light remains are left out; 0: none."),
+    BOOL("eval.skip_unseen", "true", "renderer: samples that no source view sees are not computed (exact)."),
+    BOOL("eval.skip_outside", "false", "Renderers: samples outside the ball that outlines leave for the scene are not computed."),
+    REAL("eval.empty", "-1", -1, 1, "Renderers: no fine samples on rays whose coarse opacity is at most this; -1: everywhere."),
+    REAL("eval.stop", "0", 0, 1, "Renderers: fine samples behind which the coarse network leaves less than this much light are left out; 0: none."),
     INT("eval.points", "100000", 1, 100000000, "Points of the IoU in the cube, and of Chamfer on each surface."),
 };
 /* clang-format on */

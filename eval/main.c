@@ -11,38 +11,51 @@
 #include "eval/equivariance.h"
 #include "eval/evaluate.h"
 #include "eval/image_metrics.h"
+#include "eval/make_scene.h"
+#include "eval/render_job.h"
+#include "models/checkpoint.h"
+#include "train/run_dir.h"
 #include "train/openmp.h"
 
 static void print_help(FILE *out)
 {
-    fputs("elf-eval --checkpoint F [options]         score a model on a split, write its meshes\n"
-          "elf-eval --checkpoint F --check-equivariance N\n"
-          "                                          what the trained model keeps of its symmetry\n"
-          "elf-eval compare-meshes A B [options]     score mesh A (predicted) against B (truth)\n"
-          "elf-eval check-data PATH [--out F.png]    say what a folder of photographs is, draw\n"
-          "                                          its cameras and epipolar lines\n"
-          "elf-eval compare-images A B [options]     PSNR, SSIM and LPIPS of two images\n"
-          "\n"
-          "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
-          "  --setting S       I, Z, R, Y or SO3 (default: the training's)\n"
-          "  --split S         train, val or test (default test)\n"
-          "  --shapes N        at most N shapes\n"
-          "  --json F          write the report as JSON (compare-* print it as well)\n"
-          "  --out DIR         write meshes (PLY) and a picture of the first shapes, montage.png\n"
-          "  --pictures N      rows of the picture (default 6)\n"
-          "  --roll DEGREES    roll every view by this as well and render it again\n"
-          "  --dense           evaluate the whole grid instead of coarse to fine (the same mesh)\n"
-          "  --exact           Chamfer to the surface instead of to its samples\n"
-          "  --normalise       compare-meshes: first centre both boxes and scale to diagonal 1\n"
-          "  --samples N       compare-meshes: points of each metric (default 100000)\n"
-          "  --lpips-weights F compare-images: the weights of LPIPS (docs/lpips.md)\n"
-          "  --lpips-net NET   compare-images: vgg or alex (default vgg)\n"
-          "  --set K=V         override a key of the checkpoint's config, e.g. data.root=DIR\n"
-          "  --threads N       threads (default: all; the result does not depend on it)\n"
-          "  --quiet, --help, --help-config, --version\n"
-          "\n"
-          "Metrics:\n",
-          out);
+    fputs(
+        "elf-eval --checkpoint F [options]         score a model on a split, write its meshes\n"
+        "elf-eval --checkpoint F --path P [options]  render a path through the scenes (renderers)\n"
+        "elf-eval --checkpoint F --check-equivariance N\n"
+        "                                          what the trained model keeps of its symmetry\n"
+        "elf-eval compare-meshes A B [options]     score mesh A (predicted) against B (truth)\n"
+        "elf-eval check-data PATH [--out F.png]    say what a folder of photographs is, draw\n"
+        "                                          its cameras and epipolar lines\n"
+        "elf-eval compare-images A B [options]     PSNR, SSIM and LPIPS of two images\n"
+        "\n"
+        "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
+        "  --setting S       I, Z, R, Y or SO3 (default: the training's); renderers: I or SO3, "
+        "which\n"
+        "                    turns the frame six times\n"
+        "  --split S         train, val or test (default test)\n"
+        "  --shapes N        at most N shapes (renderers: scenes)\n"
+        "  --json F          write the report as JSON (compare-* print it as well)\n"
+        "  --out DIR         write meshes (PLY) and a picture of the first shapes, montage.png;\n"
+        "                    renderers: the rendered views and montage.png\n"
+        "  --views N         renderers: at most N views of a scene\n"
+        "  --path P          spiral or orbit: numbered frames in --out, and how to make a video\n"
+        "  --frames N        frames of the path (default 60)\n"
+        "  --no-baselines    renderers: do not score what learns nothing\n"
+        "  --pictures N      rows of the picture (default 6)\n"
+        "  --roll DEGREES    roll every view by this as well and render it again\n"
+        "  --dense           evaluate the whole grid instead of coarse to fine (the same mesh)\n"
+        "  --exact           Chamfer to the surface instead of to its samples\n"
+        "  --normalise       compare-meshes: first centre both boxes and scale to diagonal 1\n"
+        "  --samples N       compare-meshes: points of each metric (default 100000)\n"
+        "  --lpips-weights F compare-images, renderers: the weights of LPIPS (docs/lpips.md)\n"
+        "  --lpips-net NET   vgg or alex (default vgg)\n"
+        "  --set K=V         override a key of the checkpoint's config, e.g. data.root=DIR\n"
+        "  --threads N       threads (default: all; the result does not depend on it)\n"
+        "  --quiet, --help, --help-config, --version\n"
+        "\n"
+        "Metrics:\n",
+        out);
     fputs(lf_metric_text(), out);
     fputs(lf_image_metric_text(), out);
     fputs(lf_lpips_text(), out);
@@ -60,6 +73,8 @@ typedef struct arguments {
     bool normalise, done;
     lf_evaluate_options evaluate;
     lf_compare_images_options images;
+    lf_render_job render; /* path, frames, baselines; the rest is in evaluate and images */
+    long views;
     int words;
     char **word; /* what is not an option */
 } arguments;
@@ -92,6 +107,10 @@ enum {
     LPIPS_WEIGHTS,
     LPIPS_NET,
     SET,
+    VIEWS,
+    PATH,
+    FRAMES,
+    NO_BASELINES,
     THREADS,
     QUIET,
     CHECK,
@@ -116,6 +135,10 @@ static const struct option option_table[] = {
     {"lpips-weights", required_argument, NULL, LPIPS_WEIGHTS},
     {"lpips-net", required_argument, NULL, LPIPS_NET},
     {"set", required_argument, NULL, SET},
+    {"views", required_argument, NULL, VIEWS},
+    {"path", required_argument, NULL, PATH},
+    {"frames", required_argument, NULL, FRAMES},
+    {"no-baselines", no_argument, NULL, NO_BASELINES},
     {"threads", required_argument, NULL, THREADS},
     {"quiet", no_argument, NULL, QUIET},
     {"check-equivariance", required_argument, NULL, CHECK},
@@ -150,6 +173,9 @@ static bool parse_flag(arguments *a, int option)
         return a->evaluate.exact = true;
     case NORMALISE:
         return a->normalise = true;
+    case NO_BASELINES:
+        a->render.baselines = false;
+        return true;
     case QUIET:
         return a->evaluate.quiet = true;
     case HELP:
@@ -185,6 +211,13 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
     case OUT:
         a->evaluate.out = optarg;
         return LF_OK;
+    case PATH:
+        a->render.path = optarg;
+        return LF_OK;
+    case FRAMES:
+        return parse_number("frames", optarg, 1, 10000, &a->render.frames, err);
+    case VIEWS:
+        return parse_number("views", optarg, 1, 100000, &a->views, err);
     case LPIPS_WEIGHTS:
         a->images.weights = optarg;
         return LF_OK;
@@ -295,7 +328,7 @@ static lf_status run_compare_images(const arguments *a, lf_error *err)
                              err);
 }
 
-static lf_status run_model(const arguments *a, lf_error *err)
+static lf_status run_recon(const arguments *a, lf_error *err)
 {
     static const int score[] = {CHECKPOINT, SETTING, SPLIT, SHAPES, JSON,    OUT,   PICTURES,
                                 ROLL,       DENSE,   EXACT, SET,    THREADS, QUIET, 0};
@@ -303,8 +336,6 @@ static lf_status run_model(const arguments *a, lf_error *err)
     LF_TRY(a->check ? check_given(a, "--check-equivariance", check, err)
                     : check_given(a, "the scores of a checkpoint", score, err));
     lf_loaded loaded;
-    if (a->evaluate.json)
-        LF_TRY(check_report(a->evaluate.json, err));
     LF_TRY(lf_loaded_open(a->checkpoint, a->sets, a->set, &loaded, err));
     lf_status status;
     if (a->check) {
@@ -316,6 +347,89 @@ static lf_status run_model(const arguments *a, lf_error *err)
         status = lf_evaluate(&loaded, &a->evaluate, err);
     }
     lf_loaded_close(&loaded);
+    return status;
+}
+
+static lf_status check_render_options(const arguments *a, lf_error *err)
+{
+    static const int score[] = {CHECKPOINT, SETTING,       SPLIT,     SHAPES,       JSON,
+                                OUT,        PICTURES,      SET,       THREADS,      QUIET,
+                                VIEWS,      LPIPS_WEIGHTS, LPIPS_NET, NO_BASELINES, 0};
+    static const int path[] = {CHECKPOINT, SPLIT, SHAPES, OUT,    SET,
+                               THREADS,    QUIET, PATH,   FRAMES, 0};
+    static const int check[] = {CHECKPOINT, SPLIT, SHAPES, JSON, SET, THREADS, QUIET, CHECK, 0};
+    if (a->check)
+        return check_given(a, "--check-equivariance of a renderer", check, err);
+    if (a->render.path)
+        return check_given(a, "a path", path, err);
+    return check_given(a, "the scores of a renderer", score, err);
+}
+
+/* Takes over cfg. */
+static lf_status run_renderer(const arguments *a, const char *checkpoint, lf_config *cfg,
+                              lf_error *err)
+{
+    lf_loaded_renderer loaded = {.cfg = cfg};
+    lf_render_job job = a->render;
+    job.setting = a->evaluate.setting;
+    job.split = a->evaluate.split;
+    job.json = a->evaluate.json;
+    job.out = a->evaluate.out;
+    job.lpips_weights = a->images.weights;
+    job.lpips_net = a->images.net;
+    job.scenes = a->evaluate.shapes;
+    job.pictures = a->evaluate.pictures;
+    job.quiet = a->evaluate.quiet;
+    char views[64];
+    snprintf(views, sizeof views, "eval.views=%ld", a->views);
+    lf_status status = a->views ? lf_config_set(cfg, views, err) : LF_OK;
+    if (status == LF_OK)
+        status = check_render_options(a, err);
+    if (status == LF_OK)
+        status = lf_loaded_renderer_open(checkpoint, cfg, &loaded, err);
+    if (status == LF_OK)
+        status = a->check         ? lf_render_check(&loaded, &job, a->check, err)
+                 : a->render.path ? lf_render_path(&loaded, &job, err)
+                                  : lf_render_evaluate(&loaded, &job, err);
+    lf_loaded_renderer_close(&loaded);
+    return status;
+}
+
+/* The config inside the checkpoint, with the overrides. */
+static lf_status read_config(const arguments *a, const char *checkpoint, lf_config **out,
+                             lf_error *err)
+{
+    lf_config *cfg;
+    LF_TRY(lf_checkpoint_config(checkpoint, &cfg, NULL, err));
+    lf_status status = LF_OK;
+    for (int i = 0; status == LF_OK && i < a->sets; i++)
+        status = lf_config_set(cfg, a->set[i], err);
+    if (status == LF_OK)
+        status = lf_config_check(cfg, err);
+    if (status == LF_OK)
+        *out = cfg;
+    else
+        lf_config_free(cfg);
+    return status;
+}
+
+static lf_status run_model(const arguments *a, lf_error *err)
+{
+    lf_found found = {0};
+    lf_config *cfg = NULL;
+    if (a->evaluate.json)
+        LF_TRY(check_report(a->evaluate.json, err));
+    LF_TRY(lf_run_find(a->checkpoint, &found, err));
+    lf_status status = read_config(a, found.checkpoint, &cfg, err);
+    if (status == LF_OK && lf_config_is(cfg, "model.type", "equivariant")) {
+        lf_config_free(cfg);
+        status = run_recon(a, err);
+    } else if (status == LF_OK) {
+        if (found.note[0])
+            fprintf(stderr, "elf-eval: %s\n", found.note);
+        status = run_renderer(a, found.checkpoint, cfg, err);
+    }
+    lf_found_free(&found);
     return status;
 }
 
@@ -351,7 +465,8 @@ int main(int argc, char **argv)
 {
     lf_openmp_wait_briefly(argv);
     lf_error err = {""};
-    arguments a = {.evaluate = {.split = "test", .pictures = 6}};
+    arguments a = {.evaluate = {.split = "test", .pictures = 6},
+                   .render = {.frames = 60, .baselines = true}};
     lf_status status = parse(argc, argv, &a, &err);
     if (status == LF_OK && !a.done) {
         if (a.threads)

@@ -81,14 +81,14 @@ const long *lf_render_targets(const lf_scene_entry *e, const char *split, long *
 /* Moved by the options' motion, then seen from the moved centre of the scene. */
 static lf_camera bring(const lf_scene_entry *e, const lf_render_view_options *o, lf_camera camera)
 {
-    for (int a = 0; a < 3; a++)
-        camera.centre[a] -= e->centre[a];
-    if (!o->motion)
-        return camera;
-    /* g c - g c0 = R (c - c0): the translation is gone */
-    lf_motion turn = *o->motion;
-    turn.translation[0] = turn.translation[1] = turn.translation[2] = 0;
-    return lf_camera_move(&camera, &turn);
+    double centre[3];
+    memcpy(centre, e->centre, sizeof centre);
+    if (o->motion) {
+        camera = lf_camera_move(&camera, o->motion);
+        lf_motion_apply(o->motion, e->centre, centre);
+    }
+    lf_camera_recentre(1, &camera, centre);
+    return camera;
 }
 
 /* K R' [I | -c]. */
