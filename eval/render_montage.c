@@ -7,7 +7,7 @@
 #include "eval/image_metrics.h"
 #include "eval/image_resize.h"
 
-enum { GAP = 8, BAR = 128 }; /* pixels: between pictures; length of a colour scale */
+enum { GAP = 8, BELOW = 14, BAR = 128 }; /* pixels: between pictures; below a row; of a scale */
 enum { RENDERED, TRUTH, ERROR, DEPTH, SHOWN };
 
 static const float black[3] = {0, 0, 0}, white[3] = {1, 1, 1}, grey[3] = {0.45f, 0.45f, 0.45f};
@@ -76,7 +76,7 @@ static lf_status check(long rows, const lf_render_row *row, const lf_render_mont
         if (row[i].depth && !(row[i].near >= 0 && row[i].near < row[i].far))
             return lf_fail(err, LF_BAD_INPUT, "montage: row %ld: near %g, far %g; 0 <= near < far",
                            i, row[i].near, row[i].far);
-        height += line_height(o) + row_height(&row[i], o) + GAP;
+        height += line_height(o) + row_height(&row[i], o) + BELOW;
     }
     if (rows < 1 || height > LF_IMAGE_SIZE_MAX)
         return lf_fail(err, LF_BAD_INPUT,
@@ -196,7 +196,7 @@ static lf_status draw_row(lf_image *canvas, const lf_render_row *r,
     draw_picture(canvas, r->rendered, cell, column_left(o, first + RENDERED), y);
     draw_picture(canvas, r->truth, cell, column_left(o, first + TRUTH), y);
     draw_depth(canvas, r, cell, column_left(o, first + DEPTH), y);
-    *top += line_height(o) + row_height(r, o) + GAP;
+    *top += line_height(o) + row_height(r, o) + BELOW;
     return draw_error(canvas, r, o, column_left(o, first + ERROR), y, err);
 }
 

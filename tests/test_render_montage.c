@@ -102,7 +102,7 @@ static void error_map(void **state)
     lf_image_free(out);
 }
 
-enum { CELL = 64, GAP = 8, LINE = 16, TOP = GAP + 2 * LINE - GAP / 2 };
+enum { CELL = 64, GAP = 8, BELOW = 14, LINE = 16, TOP = GAP + 2 * LINE - GAP / 2 };
 
 /* Left edge of picture `column`; two source views. */
 static int left_of(int column)
@@ -140,7 +140,7 @@ static void cells_are_where_they_belong(void **state)
     expect_colour(out, left_of(4) + x, y, middle_heat);
     expect_colour(out, left_of(5) + x - 8, y, bright_sea);
     expect_colour(out, left_of(5) + x + 8, y, white); /* nothing there */
-    const int next = y + LINE + HIGH + GAP;
+    const int next = y + LINE + HIGH + BELOW;
     expect_colour(out, left_of(2) + x, next, white);
     expect_colour(out, left_of(3) + x, next, truth->pixel);
     expect_colour(out, left_of(4) + x, next, white);
