@@ -6,13 +6,14 @@ set -u
 root=${1:?usage: check_ops.sh ROOT}
 cd "$root" || exit 1
 failed=0
-for header in autograd/ops.h autograd/ops_image.h layers/layers.h layers/light_field.h layers/c8.h; do
+for header in autograd/ops.h autograd/ops_image.h layers/layers.h layers/light_field.h layers/ibrnet.h \
+    layers/c8.h; do
     case $header in
     layers/c8.h) places="tests/op_table_*.c tests/test_c8.c" ;;
     *) places="tests/op_table_*.c" ;;
     esac
     # every function that takes a tape first and gives a tensor, a field or a change of fields
-    for name in $(tr '\n' ' ' <"$header" | grep -o '\(lf_tensor \*\|lf_field \|lf_rendered \|lf_attended \|void \)lf_[a-z0-9_]*(lf_tape \*tape' |
+    for name in $(tr '\n' ' ' <"$header" | grep -o '\(lf_tensor \*\|lf_field \|lf_rendered \|lf_attended \|lf_ibrnet_[a-z]* \|void \)lf_[a-z0-9_]*(lf_tape \*tape' |
         grep -o 'lf_[a-z0-9_]*(' | tr -d '('); do
         if ! grep -q "$name(" $places; then
             echo "$header: $name is not checked in $places" >&2

@@ -47,6 +47,8 @@ extern const op_case core_cases[], image_cases[], layer_cases[];
 extern const int core_case_count, image_case_count, layer_case_count;
 extern const op_case light_field_cases[];
 extern const int light_field_case_count;
+extern const op_case ibrnet_cases[];
+extern const int ibrnet_case_count;
 
 /* Relative error of the gradient of all inputs and parameters: the largest difference from central
  * differences (step 1e-5, Richardson-extrapolated) over the largest gradient; every element of

@@ -41,6 +41,12 @@ static void light_fields(void **state)
     check_table(light_field_cases, light_field_case_count);
 }
 
+static void ibrnet(void **state)
+{
+    (void)state;
+    check_table(ibrnet_cases, ibrnet_case_count);
+}
+
 static void images(void **state)
 {
     (void)state;
@@ -104,6 +110,7 @@ int main(void)
         cmocka_unit_test(layers),
         cmocka_unit_test(images),
         cmocka_unit_test(light_fields),
+        cmocka_unit_test(ibrnet),
         cmocka_unit_test(arena_reaches_its_size_once),
         cmocka_unit_test(arena_grows_for_scratch),
         cmocka_unit_test(two_walks_add_up),

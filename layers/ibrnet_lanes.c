@@ -1,0 +1,201 @@
+/* ibrnet_lanes.c: rows to lanes and back; products of lanes.                   [layers/ibrnet.h]
+ *
+ *   add_rows   z[r, c, l] = x[point(r, l), view(r), c] + y[r, c, l]     dx += dz, dy += dz
+ *   to_rows    z[point(b, l), c] = x[b, c, l]                           dx += dz
+ *   scale      z[r, c, l] = x[r, c, l] w[r, l]                          dx += w dz, dw += <x, dz>
+ *
+ * Degenerate  lanes beyond the last point are 0 and get no gradient.
+ */
+#include "layers/ibrnet.h"
+
+/* ---- which rows there are ----------------------------------------------------------------------
+ */
+
+static long lanes_of_block(const lf_lanes *lanes, long block)
+{
+    const long left = lanes->points - block * LF_WIDE;
+    return left < LF_WIDE ? left : LF_WIDE;
+}
+
+static bool seen_by(const lf_lanes *lanes, const lf_real *mask, long block, long view)
+{
+    for (long l = 0; l < lanes_of_block(lanes, block); l++)
+        if (mask[(block * LF_WIDE + l) * lanes->views + view] > 0)
+            return true;
+    return false;
+}
+
+/* Fill in the rows of every block: first, view; there is room for all views. */
+static void find_rows(lf_lanes *lanes, const lf_real *mask, long *first, long *view)
+{
+    lanes->first = first;
+    lanes->view = view;
+    for (long b = 0; b < lanes->blocks; b++) {
+        first[b] = lanes->rows;
+        for (long v = 0; v < lanes->views; v++)
+            if (seen_by(lanes, mask, b, v))
+                view[lanes->rows++] = v;
+    }
+    first[lanes->blocks] = lanes->rows;
+}
+
+static lf_tensor *lowest_of(lf_tape *tape, const lf_lanes *lanes, const lf_real *difference)
+{
+    lf_tensor *lowest = lf_tensor_new(tape, 3, LF_DIMS(lanes->blocks, 1, LF_WIDE));
+    memset(lowest->value, 0, (size_t)lowest->size * sizeof(lf_real));
+    for (long p = 0; p < lanes->points; p++) {
+        lf_real least = difference[p * lanes->views * 4 + 3];
+        for (long v = 1; v < lanes->views; v++) {
+            const lf_real dot = difference[(p * lanes->views + v) * 4 + 3];
+            least = dot < least ? dot : least;
+        }
+        lowest->value[p] = least;
+    }
+    return lowest;
+}
+
+/* Copy c numbers of each point of one row's view into lanes; zeros beyond the last point. */
+static void gather(const lf_lanes *lanes, long block, long view, long c, const lf_real *x,
+                   lf_real *restrict to)
+{
+    const long count = lanes_of_block(lanes, block), step = lanes->views * c;
+    x += (block * LF_WIDE * lanes->views + view) * c;
+    if (count < LF_WIDE)
+        memset(to, 0, (size_t)(c * LF_WIDE) * sizeof *to);
+    for (long l = 0; l < count; l++)
+        for (long i = 0; i < c; i++)
+            to[i * LF_WIDE + l] = x[l * step + i];
+}
+
+lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *difference)
+{
+    LF_REQUIRE(mask->rank == 3 && difference->size == 4 * mask->size && mask->dim[2] >= 1,
+               "lf_lanes_make: mask of rank %d, %ld numbers; differences of %ld", mask->rank,
+               mask->size, difference->size);
+    lf_lanes lanes = {.rays = mask->dim[0], .samples = mask->dim[1], .views = mask->dim[2]};
+    lanes.points = lanes.rays * lanes.samples;
+    lanes.blocks = (lanes.points + LF_WIDE - 1) / LF_WIDE;
+    find_rows(&lanes, mask->value, lf_alloc(tape, (size_t)(lanes.blocks + 1) * sizeof(long)),
+              lf_alloc(tape, (size_t)(lanes.blocks * lanes.views) * sizeof(long)));
+    lf_tensor *seen = lf_tensor_new(tape, 3, LF_DIMS(lanes.rows, 1, LF_WIDE));
+    lf_tensor *turned = lf_tensor_new(tape, 3, LF_DIMS(lanes.rows, 4, LF_WIDE));
+    for (long b = 0; b < lanes.blocks; b++)
+        for (long r = lanes.first[b]; r < lanes.first[b + 1]; r++) {
+            const long view = lanes.view[r];
+            gather(&lanes, b, view, 1, mask->value, seen->value + r * LF_WIDE);
+            gather(&lanes, b, view, 4, difference->value, turned->value + r * 4 * LF_WIDE);
+        }
+    lanes.mask = seen;
+    lanes.difference = turned;
+    lanes.lowest = lowest_of(tape, &lanes, difference->value);
+    return lanes;
+}
+
+/* ---- rows to lanes -----------------------------------------------------------------------------
+ */
+
+static void add_rows_backward(const lf_node *node)
+{
+    const lf_lanes *lanes = node->saved;
+    lf_tensor *x = node->in[0], *y = node->in[1];
+    const long c = lf_cols(x), views = lanes->views;
+    const lf_real *dz = node->out[0]->grad;
+    for (long i = 0; y && y->grad && i < y->size; i++)
+        y->grad[i] += dz[i];
+    for (long b = 0; x->grad && b < lanes->blocks; b++)
+        for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
+            for (long l = 0; l < lanes_of_block(lanes, b); l++) {
+                lf_real *to = x->grad + ((b * LF_WIDE + l) * views + lanes->view[r]) * c;
+                for (long i = 0; i < c; i++)
+                    to[i] += dz[(r * c + i) * LF_WIDE + l];
+            }
+}
+
+static lf_lanes *kept(lf_tape *tape, const lf_lanes *lanes)
+{
+    lf_lanes *copy = lf_alloc(tape, sizeof *copy);
+    *copy = *lanes;
+    return copy;
+}
+
+lf_tensor *lf_lanes_add_rows(lf_tape *tape, lf_tensor *x, lf_tensor *y, const lf_lanes *lanes)
+{
+    const long c = lf_cols(x);
+    LF_REQUIRE(lf_rows(x) == lanes->points * lanes->views &&
+                   (!y || y->size == lanes->rows * c * LF_WIDE),
+               "lf_lanes_add_rows: %ld rows of %ld for %ld points of %ld views, %ld lanes",
+               lf_rows(x), c, lanes->points, lanes->views, y ? y->size : -1);
+    lf_tensor *z = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, c, LF_WIDE));
+    for (long b = 0; b < lanes->blocks; b++)
+        for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
+            gather(lanes, b, lanes->view[r], c, x->value, z->value + r * c * LF_WIDE);
+    for (long i = 0; y && i < z->size; i++)
+        z->value[i] += y->value[i];
+    lf_record(tape, "lanes_add_rows", add_rows_backward, kept(tape, lanes), LF_IN(x, y), LF_OUT(z));
+    return z;
+}
+
+/* ---- lanes to rows -----------------------------------------------------------------------------
+ */
+
+static void to_rows_backward(const lf_node *node)
+{
+    lf_tensor *x = node->in[0];
+    const long c = x->dim[1], points = lf_rows(node->out[0]);
+    const lf_real *dz = node->out[0]->grad;
+    for (long p = 0; p < points; p++)
+        for (long i = 0; i < c; i++)
+            x->grad[(p / LF_WIDE * c + i) * LF_WIDE + p % LF_WIDE] += dz[p * c + i];
+}
+
+lf_tensor *lf_lanes_to_rows(lf_tape *tape, lf_tensor *x, const lf_lanes *lanes)
+{
+    LF_REQUIRE(x->rank == 3 && x->dim[0] == lanes->blocks && x->dim[2] == LF_WIDE,
+               "lf_lanes_to_rows: x of %ld for %ld blocks", x->size, lanes->blocks);
+    const long c = x->dim[1];
+    lf_tensor *z = lf_tensor_new(tape, 3, LF_DIMS(lanes->rays, lanes->samples, c));
+    for (long p = 0; p < lanes->points; p++)
+        for (long i = 0; i < c; i++)
+            z->value[p * c + i] = x->value[(p / LF_WIDE * c + i) * LF_WIDE + p % LF_WIDE];
+    lf_record(tape, "lanes_to_rows", to_rows_backward, NULL, LF_IN(x), LF_OUT(z));
+    return z;
+}
+
+/* ---- products ----------------------------------------------------------------------------------
+ */
+
+static void scale_backward(const lf_node *node)
+{
+    lf_tensor *x = node->in[0], *w = node->in[1];
+    const long c = x->dim[1];
+    for (long r = 0; r < x->dim[0]; r++) {
+        const lf_wide factor = lf_wide_load(w->value + r * LF_WIDE, LF_WIDE);
+        lf_wide sum = {0};
+        for (long i = r * c; i < (r + 1) * c; i++) {
+            const lf_wide dz = lf_wide_load(node->out[0]->grad + i * LF_WIDE, LF_WIDE);
+            sum += dz * lf_wide_load(x->value + i * LF_WIDE, LF_WIDE);
+            if (x->grad) {
+                lf_real *dx = x->grad + i * LF_WIDE;
+                lf_wide_store(dx, LF_WIDE, lf_wide_load(dx, LF_WIDE) + dz * factor);
+            }
+        }
+        for (int l = 0; w->grad && l < LF_WIDE; l++)
+            w->grad[r * LF_WIDE + l] += sum[l];
+    }
+}
+
+lf_tensor *lf_lanes_scale(lf_tape *tape, lf_tensor *x, lf_tensor *w)
+{
+    LF_REQUIRE(x->rank == 3 && x->dim[2] == LF_WIDE && w->size == x->dim[0] * LF_WIDE,
+               "lf_lanes_scale: x of %ld, w of %ld", x->size, w->size);
+    lf_tensor *z = lf_tensor_like(tape, x);
+    const long c = x->dim[1];
+    for (long r = 0; r < x->dim[0]; r++) {
+        const lf_wide factor = lf_wide_load(w->value + r * LF_WIDE, LF_WIDE);
+        for (long i = r * c; i < (r + 1) * c; i++)
+            lf_wide_store(z->value + i * LF_WIDE, LF_WIDE,
+                          factor * lf_wide_load(x->value + i * LF_WIDE, LF_WIDE));
+    }
+    lf_record(tape, "lanes_scale", scale_backward, NULL, LF_IN(x, w), LF_OUT(z));
+    return z;
+}
