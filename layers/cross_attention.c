@@ -142,10 +142,10 @@ lf_attended lf_cross_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_ten
 static void blend_backward(const lf_node *node)
 {
     const lf_tensor *w = node->in[0], *x = node->in[1];
-    const long views = lf_cols(w), n = lf_cols(x);
+    const long views = lf_cols(w), n = lf_cols(x), columns = lf_cols(node->out[0]);
     for (long r = 0; r < w->size; r++) {
-        const lf_real *g = node->out[0]->grad + r / views * n;
-        for (long i = 0; i < n; i++) {
+        const lf_real *g = node->out[0]->grad + r / views * columns;
+        for (long i = 0; i < columns; i++) {
             if (w->grad)
                 w->grad[r] += g[i] * x->value[r * n + i];
             if (x->grad)
@@ -154,18 +154,24 @@ static void blend_backward(const lf_node *node)
     }
 }
 
-lf_tensor *lf_blend_views(lf_tape *tape, lf_tensor *weight, lf_tensor *x)
+lf_tensor *lf_blend_columns(lf_tape *tape, lf_tensor *weight, lf_tensor *x, long columns)
 {
     const long views = lf_cols(weight), n = lf_cols(x);
-    LF_REQUIRE(weight->rank == 3 && lf_rows(x) == weight->size,
-               "lf_blend_views: %ld weights for %ld rows", weight->size, lf_rows(x));
-    lf_tensor *y = lf_tensor_new(tape, 3, LF_DIMS(weight->dim[0], weight->dim[1], n));
+    LF_REQUIRE(weight->rank == 3 && lf_rows(x) == weight->size && columns <= n,
+               "lf_blend_columns: %ld weights for %ld rows, %ld of %ld columns", weight->size,
+               lf_rows(x), columns, n);
+    lf_tensor *y = lf_tensor_new(tape, 3, LF_DIMS(weight->dim[0], weight->dim[1], columns));
     memset(y->value, 0, (size_t)y->size * sizeof *y->value);
     for (long r = 0; r < weight->size; r++)
-        for (long i = 0; i < n; i++)
-            y->value[r / views * n + i] += weight->value[r] * x->value[r * n + i];
+        for (long i = 0; i < columns; i++)
+            y->value[r / views * columns + i] += weight->value[r] * x->value[r * n + i];
     lf_record(tape, "blend_views", blend_backward, NULL, LF_IN(weight, x), LF_OUT(y));
     return y;
+}
+
+lf_tensor *lf_blend_views(lf_tape *tape, lf_tensor *weight, lf_tensor *x)
+{
+    return lf_blend_columns(tape, weight, x, lf_cols(x));
 }
 
 /* ---- the layer --------------------------------------------------------------------------------

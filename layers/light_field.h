@@ -163,6 +163,8 @@ lf_attended lf_cross_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_ten
 /* sum_v weight_v x_v: [N, S, V], [N, S, V, D] -> [N, S, D]; the colour of a point from its views.
  */
 lf_tensor *lf_blend_views(lf_tape *tape, lf_tensor *weight, lf_tensor *x);
+/* The same of the first columns of x alone. */
+lf_tensor *lf_blend_columns(lf_tape *tape, lf_tensor *weight, lf_tensor *x, long columns);
 
 /* What a view's key or value becomes beside the query: linear of [view; query] to 2 C channels,
  * gated, linear to C. */
