@@ -16,8 +16,8 @@
  *   y2 = U 2w ([U 2w (x3 at x2's size); x2]),  y1 = U C ([U w (y2 at x1's size); x1])
  *   y = 1x1 C (y1)                                                    h = H / 4, rounded up twice
  *   A block is ReLU(x' + P3x3 (ReLU P3x3 (x))) with x' = x or a strided 1x1 of it; U is ELU P3x3;
- *   resizing has its corners aligned. 8 917 120 parameters at w = C = 64, layers 3, 4, 6. 2 images
- *   - 1 would change nothing here but rounding, since the first norm undoes it.
+ *   resizing has its corners aligned. 8 917 120 parameters at w = C = 64, layers 3, 4, 6. Mapping
+ * the images to -1 .. 1 would change nothing but rounding: the first norm undoes it.
  *
  * Weights start normal with variance 1 / (3 fan in), biases at 0, scales at 1, shifts at 0.
  * Parameters: prefix.{down1 .. down4, join, out}.* (SMALL); prefix.stem.*,
@@ -74,13 +74,14 @@ long lf_feature_net_smallest(const lf_feature_net *net);
 /* Lines of the map of an image of `lines` lines; likewise columns. */
 long lf_feature_net_lines(const lf_feature_net *net, long lines);
 
-/* Image pixels from one line of the map to the next: 2, or 4. Line 0 of the map looks at line 0 of
- * the image, for filters are centred and the border is half their size: pixel (u, v), integers at
- * pixel centres, lies at column u / stride and line v / stride of the map. That is exact for the
- * finest maps inside the network. What it adds from coarser ones is off by up to a pixel of theirs:
- * SMALL reads them half a line of p further up (its corners are not aligned), RESNET34 up to one
- * line of x1 towards the end of even sizes. A map of m lines covers lines 0 to stride (m - 1), so
- * the last line of an even image lies half a line (or more) beyond the map's. */
+/* Image pixels from one line of the map to the next: 2, or 4. Filters are centred, their border is
+ * half their size, so pixel (u, v), integers at pixel centres, lies at column u / stride and line
+ * v / stride of the map: not at (u + 1/2) w / W - 1/2, which is up to half a line before it. That
+ * is exact for the finest maps inside. What comes from coarser ones looks at places before it: with
+ * SMALL half a line before where H is a multiple of 4 (its corners are not aligned), with RESNET34
+ * by up to one line (x2) or three (x3) towards the end of even sizes. A map of m lines ends at line
+ * stride (m - 1) of the image; the image's last line may lie behind that, by less than one line of
+ * the map. */
 long lf_feature_net_stride(const lf_feature_net *net);
 
 /* Multiply-adds of the convolutions of one image, forward. */

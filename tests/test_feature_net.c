@@ -1,6 +1,10 @@
 /* test_feature_net.c: the renderers' feature networks: sizes, reference numbers, where a map looks,
  * gradient, threads. */
+#include <fcntl.h>
 #include <omp.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
 #include "autograd/random.h"
 #include "models/feature_net.h"
 #include "tests/close.h"
@@ -91,6 +95,8 @@ static void test_sizes(void **state)
     (void)state;
     const long size[][2] = {{100, 100}, {112, 84}, {97, 65}, {17, 17}, {18, 19}, {6, 5}};
     check_sizes(small(12, 12), size, 6);
+    const long least[][2] = {{5, 5}};
+    check_sizes(small(12, 12), least, 1);
     check_sizes(resnet(8, 6, 1, 1, 1), size, 5);
 }
 
@@ -108,6 +114,33 @@ static void test_parameters_and_cost(void **state)
                  0, 0);
     close_net(&s);
     close_net(&r);
+}
+
+/* An image below the smallest size aborts, with both sizes printed. */
+static void check_too_small(lf_feature_config config)
+{
+    net n = open_net(config);
+    const long smallest = lf_feature_net_smallest(&n.features);
+    fflush(NULL);
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        dup2(open("/dev/null", O_WRONLY), STDERR_FILENO);
+        signal(SIGABRT, SIG_DFL);
+        lf_feature_net_forward(n.tape, &n.features, images_of(n.tape, 1, smallest, smallest - 1));
+        _exit(0);
+    }
+    int status = 0;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFSIGNALED(status) && WTERMSIG(status) == SIGABRT);
+    close_net(&n);
+}
+
+static void test_too_small(void **state)
+{
+    (void)state;
+    check_too_small(small(12, 12));
+    check_too_small(resnet(8, 6, 1, 1, 1));
 }
 
 /* What training keeps, against what the tape holds, which has unused ends of blocks besides. */
@@ -294,13 +327,10 @@ static void test_threads_change_no_bit(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sizes),
-        cmocka_unit_test(test_parameters_and_cost),
-        cmocka_unit_test(test_kept),
-        cmocka_unit_test(test_reference),
-        cmocka_unit_test(test_where_a_map_looks),
-        cmocka_unit_test(test_gradient),
-        cmocka_unit_test(test_threads_change_no_bit),
+        cmocka_unit_test(test_sizes),     cmocka_unit_test(test_parameters_and_cost),
+        cmocka_unit_test(test_too_small), cmocka_unit_test(test_kept),
+        cmocka_unit_test(test_reference), cmocka_unit_test(test_where_a_map_looks),
+        cmocka_unit_test(test_gradient),  cmocka_unit_test(test_threads_change_no_bit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
