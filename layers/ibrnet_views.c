@@ -294,15 +294,15 @@ static void softmax_views(const lf_lanes *lanes, long b, const lf_real *t, lf_re
     const lf_wide none = lf_wide_all(-INFINITY);
     lf_wide most = none, sum = {0};
     for (long r = first; r < last; r++) {
-        const lf_wide x = lf_wide_select(at(lanes->mask->value, r) > 0, at(t, r), none);
-        most = lf_wide_select(most > x, most, x); /* a NaN wins */
+        const lf_wide x = lf_wide_where_positive(at(lanes->mask->value, r), at(t, r), none);
+        most = lf_wide_where_positive(most - x, most, x); /* a NaN wins */
     }
     for (long r = first; r < last; r++) {
         const lf_wide e = lf_wide_exp(at(t, r) - most), zero = {0};
-        put(p, r, lf_wide_select(at(lanes->mask->value, r) > 0, e, zero));
+        put(p, r, lf_wide_where_positive(at(lanes->mask->value, r), e, zero));
         sum += at(p, r);
     }
-    sum = lf_wide_select(sum == 0, lf_wide_all(1), sum); /* else >= 1 */
+    sum = lf_wide_where_positive(sum, sum, lf_wide_all(1)); /* else >= 1 */
     for (long r = first; r < last; r++)
         put(p, r, at(p, r) / sum);
 }

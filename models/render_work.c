@@ -323,11 +323,11 @@ static void clear_lane(const lf_render_work *w, lane *l)
 static void run_lane(const step *s, lf_tape *tape, int number)
 {
     lane *l = &s->work->lane[number];
-    const long tile = s->work->tile, count = s->batch->rays.count;
+    const long rays = s->work->tile, count = s->batch->rays.count;
     clear_lane(s->work, l);
-    for (long t = number; t * tile < count; t += LF_RENDER_LANES) {
-        const long from = t * tile, left = count - from;
-        l->loss += run_tile(s, tape, l, from, left < tile ? left : tile);
+    for (long t = number; t * rays < count; t += LF_RENDER_LANES) {
+        const long from = t * rays, left = count - from;
+        l->loss += run_tile(s, tape, l, from, left < rays ? left : rays);
         const char *found = lf_tape_nonfinite(tape);
         if (found && !l->nonfinite[0])
             snprintf(l->nonfinite, sizeof l->nonfinite, "%s", found);
@@ -552,16 +552,16 @@ void lf_render_rays(lf_render_work *work, const lf_target_rays *rays, bool white
 {
     const evaluation e = {work, rays, savings, white, out};
     const bool saving = saves(savings);
-    const long tile = saving ? 1 : work->tile, tiles = (rays->count + tile - 1) / tile;
+    const long each = saving ? 1 : work->tile, tiles = (rays->count + each - 1) / each;
     long rows = 0;
     for (int l = 0; l < LF_RENDER_LANES; l++)
         lf_tape_set_grad(work->worker[l], false);
 #pragma omp parallel for schedule(dynamic, 4) num_threads(workers()) reduction(+ : rows)
     for (long t = 0; t < tiles; t++) {
         lf_tape *tape = work->worker[omp_get_thread_num()];
-        const long from = t * tile, left = rays->count - from;
+        const long from = t * each, left = rays->count - from;
         rows += saving ? run_saving(&e, tape, from)
-                       : run_plain(&e, tape, from, left < tile ? left : tile);
+                       : run_plain(&e, tape, from, left < each ? left : each);
     }
     for (int l = 0; l < LF_RENDER_LANES; l++)
         lf_tape_set_grad(work->worker[l], true);

@@ -3,7 +3,7 @@
 #define LF_TRAIN_RECON_DATA_H
 
 #include "configs/configs.h"
-#include "datasets/shapes.h"
+#include "datasets/projection.h"
 #include "models/recon_work.h"
 
 /* Options of a split of a config's data, as training uses them. */
