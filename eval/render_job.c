@@ -1,4 +1,6 @@
 /* render_job.c: scores and pictures of a renderer. See render_job.h. */
+#include <limits.h>
+
 #include "eval/render_job.h"
 #include "eval/image_metrics.h"
 #include "eval/render_montage.h"

@@ -1,6 +1,9 @@
 /* render_path.c: frames along a path, and how far a moved frame moves the picture. */
+#include <limits.h>
+
 #include "eval/image_metrics.h"
 #include "eval/render_job.h"
+#include "eval/report.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
 
