@@ -76,8 +76,8 @@ static bool is_ground(const lf_pixels *p, long i)
     return p->rgb[3 * i] >= 250 && p->rgb[3 * i + 1] >= 250 && p->rgb[3 * i + 2] >= 250;
 }
 
-/* Is the rim of the picture ground, all but a few pixels? */
-static bool white_rim(const lf_pixels *p)
+/* Is this share of the picture's rim ground? */
+static bool has_rim(const lf_pixels *p, double share)
 {
     long rim = 0, ground = 0;
     for (long i = 0; i < (long)p->width * p->height; i++) {
@@ -87,7 +87,7 @@ static bool white_rim(const lf_pixels *p)
         rim++;
         ground += is_ground(p, i);
     }
-    return (double)ground >= 0.98 * (double)rim;
+    return (double)ground >= share * (double)rim;
 }
 
 /* White ground: alpha, or a white rim, in every one of a few training views. */
@@ -101,7 +101,7 @@ static lf_status find_white(lf_scene_entry *e, lf_error *err)
         if (e->scene->view[v].alpha)
             continue;
         LF_TRY(lf_scene_hold(e->scene, v, &p, err));
-        e->white = white_rim(&p);
+        e->white = has_rim(&p, 0.98);
         lf_scene_release(e->scene, v);
     }
     return LF_OK;
@@ -122,22 +122,28 @@ static void cell_centre(const hull *h, long cell, double p[3])
         p[a] = h->corner[a] + ((double)at[a] + 0.5) * h->edge;
 }
 
-/* Does the picture show only ground where a ball round the cell projects? What leaves the picture
- * is not known. */
-static bool shows_ground(const lf_camera *camera, const lf_pixels *pixels, const double p[3],
-                         double radius)
+/* One view of the scene, and whether its rim is all ground: then nothing lies outside it. */
+typedef struct outline {
+    const lf_camera *camera;
+    lf_pixels pixels;
+    bool whole;
+} outline;
+
+/* Does the view show only ground where a ball round the cell projects? */
+static bool shows_ground(const outline *o, const double p[3], double radius)
 {
     double uv[2], depth;
-    if (!lf_camera_project(camera, p, 2 * radius, uv, &depth))
+    const int width = o->pixels.width, height = o->pixels.height;
+    if (!lf_camera_project(o->camera, p, 2 * radius, uv, &depth))
         return false;
-    const double reach = ceil(fmax(camera->fx, camera->fy) * radius / (depth - radius)) + 1;
-    if (!(uv[0] - reach >= 0 && uv[0] + reach <= pixels->width - 1 && uv[1] - reach >= 0 &&
-          uv[1] + reach <= pixels->height - 1))
-        return false;
-    const long r = (long)reach, u = lround(uv[0]), w = lround(uv[1]);
-    for (long y = w - r < 0 ? 0 : w - r; y <= w + r && y < pixels->height; y++)
-        for (long x = u - r < 0 ? 0 : u - r; x <= u + r && x < pixels->width; x++)
-            if (!is_ground(pixels, y * pixels->width + x))
+    const double reach = ceil(fmax(o->camera->fx, o->camera->fy) * radius / (depth - radius)) + 1;
+    const double left = uv[0] - reach, right = uv[0] + reach;
+    const double top = uv[1] - reach, bottom = uv[1] + reach;
+    if (!o->whole && (left < 0 || right > width - 1 || top < 0 || bottom > height - 1))
+        return false; /* what leaves the picture is not known */
+    for (long y = lround(fmax(top, 0)); y <= lround(fmin(bottom, height - 1)); y++)
+        for (long x = lround(fmax(left, 0)); x <= lround(fmin(right, width - 1)); x++)
+            if (!is_ground(&o->pixels, y * width + x))
                 return false;
     return true;
 }
@@ -146,8 +152,9 @@ static lf_status carve(const lf_scene_entry *e, hull *h, lf_error *err)
 {
     for (long i = 0; i < e->count[LF_SPLIT_TRAIN]; i++) {
         const long v = e->view[LF_SPLIT_TRAIN][i];
-        lf_pixels pixels;
-        LF_TRY(lf_scene_hold(e->scene, v, &pixels, err));
+        outline o = {.camera = &e->scene->view[v].camera};
+        LF_TRY(lf_scene_hold(e->scene, v, &o.pixels, err));
+        o.whole = has_rim(&o.pixels, 1);
 #pragma omp parallel for schedule(static)
         for (long c = 0; c < (long)GRID * GRID * GRID; c++) {
             double p[3];
@@ -186,7 +193,7 @@ static void enclose(const hull *h, lf_scene_entry *e)
     e->radius = radius + 0.8661 * h->edge;
 }
 
-/* Bounds by what no outline rules out, within the cube that fits between the cameras. */
+/* Bounds by what no outline rules out, within a cube between the cameras. */
 static lf_status find_bounds(lf_scene_entry *e, lf_error *err)
 {
     double nearest = INFINITY;

@@ -29,7 +29,7 @@ typedef struct open_progress {
 static void opened(void *context, long done, long total)
 {
     open_progress *p = context;
-    (void)total;
+    p->progress.total = total;
     lf_progress_update(&p->progress, done, lf_seconds_now() - p->started, "opening scenes");
 }
 
