@@ -159,7 +159,7 @@ static lf_status carve(const lf_scene_entry *e, hull *h, lf_error *err)
         for (long c = 0; c < (long)GRID * GRID * GRID; c++) {
             double p[3];
             cell_centre(h, c, p);
-            if (h->may[c] && shows_ground(&e->scene->view[v].camera, &pixels, p, 0.8661 * h->edge))
+            if (h->may[c] && shows_ground(&o, p, 0.8661 * h->edge))
                 h->may[c] = false;
         }
         lf_scene_release(e->scene, v);
