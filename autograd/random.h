@@ -30,7 +30,8 @@ enum lf_random_purpose {
     LF_RANDOM_NEAR = 8,    /* offsets of near-surface samples */
     LF_RANDOM_GROUP = 9,   /* group elements of equivariance checks */
     LF_RANDOM_TEST = 10,   /* tests and benchmarks */
-    LF_RANDOM_METRIC = 11  /* sample points of metrics */
+    LF_RANDOM_METRIC = 11, /* sample points of metrics */
+    LF_RANDOM_SCENE = 12   /* built-in scenes: objects, paint, light, cameras */
 };
 
 /* A short sequence of numbers that belongs to one (seed, purpose, step, item). */
