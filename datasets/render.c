@@ -42,51 +42,81 @@ static double shade_of(const double normal[3], const double direction[3], const 
     return 0.2 + 0.3 * nv + 0.25 * (1 + nl);
 }
 
-/* Adds one sample to the pixel's channels. */
-static void add_sample(const lf_surface *surface, const lf_camera *camera,
-                       const lf_render_options *options, double u, double v, double *sum)
+/* The shade of lf_render. */
+typedef struct diffuse {
+    const lf_mesh *mesh;
+    const lf_render_options *options;
+} diffuse;
+
+static void add_diffuse(const void *context, const lf_hit *hit, const double point[3],
+                        const double direction[3], double *sum)
 {
-    double direction[3];
-    lf_hit hit;
-    lf_camera_ray(camera, u, v, direction);
-    if (!lf_surface_first_hit(surface, camera->centre, direction, 0, INFINITY, &hit))
-        return;
-    const double shade = shade_of(hit.normal, direction, &options->light);
-    if (options->mode == LF_RENDER_SHADE) {
+    const diffuse *d = context;
+    const double shade = shade_of(hit->normal, direction, &d->options->light);
+    (void)point;
+    if (d->options->mode == LF_RENDER_SHADE) {
         sum[0] += shade;
         sum[1] += 1;
         return;
     }
-    const float *colour = lf_surface_mesh(surface)->colour[hit.face];
     for (int i = 0; i < 3; i++)
-        sum[i] += shade * (double)colour[i];
+        sum[i] += shade * (double)d->mesh->colour[hit->face][i];
     sum[3] += 1;
 }
 
-static void render_pixel(const lf_surface *surface, const lf_camera *camera,
-                         const lf_render_options *options, int row, int column, float *pixel)
+/* What the samples of a picture share. */
+typedef struct picture {
+    const lf_surface *surface;
+    const lf_camera *camera;
+    int rays, channels;
+    lf_shader *shader;
+    const void *context;
+} picture;
+
+/* Adds one sample to the pixel's channels. */
+static void add_sample(const picture *p, double u, double v, double *sum)
 {
-    const int s = options->rays, channels = lf_render_channels(options->mode);
-    double sum[4] = {0, 0, 0, 0};
+    double direction[3], point[3];
+    lf_hit hit;
+    lf_camera_ray(p->camera, u, v, direction);
+    if (!lf_surface_first_hit(p->surface, p->camera->centre, direction, 0, INFINITY, &hit))
+        return;
+    for (int i = 0; i < 3; i++)
+        point[i] = p->camera->centre[i] + hit.distance * direction[i];
+    p->shader(p->context, &hit, point, direction, sum);
+}
+
+static void render_pixel(const picture *p, int row, int column, float *pixel)
+{
+    const int s = p->rays;
+    double sum[LF_RENDER_CHANNELS_MAX] = {0};
     for (int j = 0; j < s; j++)
         for (int i = 0; i < s; i++)
-            add_sample(surface, camera, options, column + (i + 0.5) / s - 0.5,
-                       row + (j + 0.5) / s - 0.5, sum);
-    for (int c = 0; c < channels; c++)
+            add_sample(p, column + (i + 0.5) / s - 0.5, row + (j + 0.5) / s - 0.5, sum);
+    for (int c = 0; c < p->channels; c++)
         pixel[c] = (float)(sum[c] / (s * s));
+}
+
+void lf_render_shaded(const lf_surface *surface, const lf_camera *camera, int rays, int channels,
+                      lf_shader *shader, const void *context, float *image)
+{
+    LF_REQUIRE(rays >= 1 && rays <= 16, "lf_render: %d rays an edge, 1 ... 16", rays);
+    LF_REQUIRE(channels >= 1 && channels <= LF_RENDER_CHANNELS_MAX, "lf_render: %d channels",
+               channels);
+    const picture p = {surface, camera, rays, channels, shader, context};
+    const long width = camera->width;
+#pragma omp parallel for schedule(dynamic, 4)
+    for (int row = 0; row < camera->height; row++)
+        for (int column = 0; column < camera->width; column++)
+            render_pixel(&p, row, column, image + (row * width + column) * channels);
 }
 
 void lf_render(const lf_surface *surface, const lf_camera *camera, const lf_render_options *options,
                float *image)
 {
-    LF_REQUIRE(options->rays >= 1 && options->rays <= 16, "lf_render: %d rays an edge, 1 ... 16",
-               options->rays);
-    const long channels = lf_render_channels(options->mode), width = camera->width;
-#pragma omp parallel for schedule(dynamic, 4)
-    for (int row = 0; row < camera->height; row++)
-        for (int column = 0; column < camera->width; column++)
-            render_pixel(surface, camera, options, row, column,
-                         image + (row * width + column) * channels);
+    const diffuse d = {lf_surface_mesh(surface), options};
+    lf_render_shaded(surface, camera, options->rays, lf_render_channels(options->mode), add_diffuse,
+                     &d, image);
 }
 
 void lf_render_depth(const lf_surface *surface, const lf_camera *camera, float *depth)

@@ -43,6 +43,16 @@ lf_light lf_light_rotate(const lf_light *light, const double rotation[9]);
 /* image [camera->height][camera->width][channels], owned by the caller. */
 void lf_render(const lf_surface *surface, const lf_camera *camera, const lf_render_options *options,
                float *image);
+/* What one ray that meets the surface adds to the channels of its pixel: a function of its
+ * arguments, called from several threads. `point` is where they meet, `direction` (unit) points
+ * from the viewer to it. */
+typedef void lf_shader(const void *context, const lf_hit *hit, const double point[3],
+                       const double direction[3], double *sum);
+enum { LF_RENDER_CHANNELS_MAX = 4 };
+/* The same pixels with a shade of the caller's: the mean over all rays of a pixel of what `shader`
+ * adds, 0 for a ray that meets nothing; image [camera->height][camera->width][channels]. */
+void lf_render_shaded(const lf_surface *surface, const lf_camera *camera, int rays, int channels,
+                      lf_shader *shader, const void *context, float *image);
 /* Depth (camera z) of the first hit at the pixel centres [height][width]; INFINITY: nothing met. */
 void lf_render_depth(const lf_surface *surface, const lf_camera *camera, float *depth);
 

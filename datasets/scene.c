@@ -13,6 +13,7 @@ static const struct {
      lf_is_deepvoxels, lf_read_deepvoxels},
     {"COLMAP", "cameras.txt or .bin (also in sparse/0/ or sparse/)", lf_is_colmap, lf_read_colmap},
 };
+enum { READERS = sizeof readers / sizeof *readers };
 
 const char *lf_scene_layout_name(lf_scene_layout layout)
 {
@@ -38,7 +39,7 @@ const char *lf_scene_depths_name(lf_scene_depths depths)
 
 lf_scene_options lf_scene_defaults(void)
 {
-    return (lf_scene_options){1, 8, 0, 0, (size_t)512 << 20};
+    return (lf_scene_options){1, 8, 0, 0, 1, 1, (size_t)512 << 20};
 }
 
 long lf_scene_count(const lf_scene *scene, lf_scene_split split)
@@ -148,6 +149,22 @@ static void guess_depths(lf_scene *scene)
     }
 }
 
+/* The bounds of the files and points, by the factors; none is guessed yet. */
+static lf_status scale_depths(lf_scene *scene, const lf_scene_options *o, lf_error *err)
+{
+    for (long i = 0; i < scene->views; i++) {
+        lf_scene_view *v = &scene->view[i];
+        const double near = v->near * o->near_factor, far = v->far * o->far_factor;
+        if (v->far > 0 && !(near < far))
+            return lf_fail(err, LF_BAD_INPUT,
+                           "%s: near %g x %g is not below far %g x %g; choose other factors",
+                           v->name, v->near, o->near_factor, v->far, o->far_factor);
+        v->near = near;
+        v->far = far;
+    }
+    return LF_OK;
+}
+
 static lf_status finish(lf_scene_reader *r, const char *path, lf_error *err)
 {
     lf_scene *scene = r->scene;
@@ -167,6 +184,8 @@ static lf_status finish(lf_scene_reader *r, const char *path, lf_error *err)
             scene->depths = LF_DEPTHS_GIVEN;
         }
     }
+    if (r->options->far <= 0)
+        LF_TRY(scale_depths(scene, r->options, err));
     guess_depths(scene);
     return LF_OK;
 }
@@ -182,19 +201,46 @@ static lf_status check_options(const lf_scene_options *o, lf_error *err)
     if ((o->far != 0 || o->near != 0) && !(o->near >= 0 && o->near < o->far && isfinite(o->far)))
         return lf_fail(err, LF_BAD_INPUT, "near %g and far %g: 0 <= near < far is needed", o->near,
                        o->far);
+    if (!(o->near_factor > 0 && o->far_factor > 0 && isfinite(o->near_factor) &&
+          isfinite(o->far_factor)))
+        return lf_fail(err, LF_BAD_INPUT, "near_factor %g and far_factor %g: both must be > 0",
+                       o->near_factor, o->far_factor);
     return LF_OK;
 }
 
-static lf_status no_layout(const char *path, lf_error *err)
+/* `what` says what the path is not. */
+static lf_status no_layout(const char *path, const char *what, lf_error *err)
 {
     char text[768] = "";
-    for (size_t i = 0; i < sizeof readers / sizeof *readers; i++) {
+    for (size_t i = 0; i < READERS; i++) {
         const size_t used = strlen(text);
         snprintf(text + used, sizeof text - used, "%s%s: %s", i ? "; " : "", readers[i].name,
                  readers[i].files);
     }
-    return lf_fail(err, LF_BAD_INPUT, "%.200s: is no scene: none of these files is there: %s", path,
+    return lf_fail(err, LF_BAD_INPUT, "%.200s: %s: none of these files is there: %s", path, what,
                    text);
+}
+
+/* The number of the reader whose layout fits, or of readers: none. */
+static size_t reader_of(const char *path)
+{
+    size_t i = 0;
+    while (i < READERS && !readers[i].is(path))
+        i++;
+    return i;
+}
+
+/* Without slashes at the end. */
+static lf_status plain_path(const char *path, char out[PATH_MAX], lf_error *err)
+{
+    size_t n = strlen(path);
+    while (n > 1 && path[n - 1] == '/')
+        n--;
+    if (n >= PATH_MAX || n == 0)
+        return lf_fail(err, LF_BAD_INPUT, "the path of the scene is empty or too long");
+    memcpy(out, path, n);
+    out[n] = 0;
+    return LF_OK;
 }
 
 lf_status lf_scene_open(const char *path, const lf_scene_options *options, lf_scene **out,
@@ -202,25 +248,57 @@ lf_status lf_scene_open(const char *path, const lf_scene_options *options, lf_sc
 {
     char folder[PATH_MAX];
     LF_TRY(check_options(options, err));
-    size_t n = strlen(path);
-    while (n > 1 && path[n - 1] == '/')
-        n--;
-    if (n >= PATH_MAX || n == 0)
-        return lf_fail(err, LF_BAD_INPUT, "the path of the scene is empty or too long");
-    memcpy(folder, path, n);
-    folder[n] = 0;
-    for (size_t i = 0; i < sizeof readers / sizeof *readers; i++) {
-        if (!readers[i].is(folder))
-            continue;
-        lf_scene_reader reader = {create(folder, options->cache_bytes), options, false};
-        lf_status status = readers[i].read(&reader, folder, err);
-        if (status == LF_OK)
-            status = finish(&reader, folder, err);
-        if (status == LF_OK)
-            *out = reader.scene;
-        else
-            lf_scene_close(reader.scene);
-        return status;
+    LF_TRY(plain_path(path, folder, err));
+    const size_t i = reader_of(folder);
+    if (i == READERS)
+        return no_layout(folder, "is no scene", err);
+    lf_scene_reader reader = {create(folder, options->cache_bytes), options, false};
+    lf_status status = readers[i].read(&reader, folder, err);
+    if (status == LF_OK)
+        status = finish(&reader, folder, err);
+    if (status == LF_OK)
+        *out = reader.scene;
+    else
+        lf_scene_close(reader.scene);
+    return status;
+}
+
+/* ---- several scenes ----------------------------------------------------------------------- */
+
+lf_status lf_scene_folders(const char *path, long *count, char ***folders, lf_error *err)
+{
+    static const char *const any[] = {"", NULL};
+    char root[PATH_MAX], folder[PATH_MAX];
+    LF_TRY(plain_path(path, root, err));
+    const bool one = reader_of(root) < READERS;
+    lf_names names = {0};
+    if (!one)
+        names = lf_names_list(root, any);
+    char **found = calloc((size_t)names.count + 1, sizeof *found);
+    LF_REQUIRE(found, "out of memory");
+    long n = 0;
+    if (one)
+        found[n++] = strdup(root);
+    for (long i = 0; i < names.count; i++) {
+        lf_join(folder, root, names.name[i]);
+        if (lf_is_folder(folder) && reader_of(folder) < READERS)
+            found[n++] = strdup(folder);
     }
-    return no_layout(folder, err);
+    lf_names_free(&names);
+    for (long i = 0; i < n; i++)
+        LF_REQUIRE(found[i], "out of memory");
+    if (n == 0) {
+        free(found);
+        return no_layout(root, "is no scene and no folder in it is one", err);
+    }
+    *count = n;
+    *folders = found;
+    return LF_OK;
+}
+
+void lf_scene_folders_free(long count, char **folders)
+{
+    for (long i = 0; i < count; i++)
+        free(folders[i]);
+    free(folders);
 }

@@ -84,19 +84,28 @@ typedef struct lf_scene {
 } lf_scene;
 
 typedef struct lf_scene_options {
-    int factor;         /* reduce pictures this many times, 1 ... 64 */
-    int hold_out;       /* layouts without a split: views 0, n, 2n, ... are test; 0: none is */
-    double near, far;   /* instead of the files' where far > 0 */
+    int factor;       /* reduce pictures this many times, 1 ... 64 */
+    int hold_out;     /* layouts without a split: views 0, n, 2n, ... are test; 0: none is */
+    double near, far; /* instead of the files' where far > 0 */
+    /* multiplied onto the bounds of LF_DEPTHS_FILE, _USUAL and _POINTS, > 0 (IBRNet takes 0.9 and
+     * 1.6 for LLFF, method.md 5b.1); bounds that are guessed or given stay */
+    double near_factor, far_factor;
     size_t cache_bytes; /* of pictures held in memory */
 } lf_scene_options;
 
-lf_scene_options lf_scene_defaults(void); /* 1, 8, 0, 0, 512 MB */
+lf_scene_options lf_scene_defaults(void); /* 1, 8, 0, 0, 1, 1, 512 MB */
 
 /* Read a scene; its layout is recognised by its files. A folder that fits no layout: the message
  * names what each reader looked for. */
 lf_status lf_scene_open(const char *path, const lf_scene_options *options, lf_scene **out,
                         lf_error *err);
 void lf_scene_close(lf_scene *scene);
+
+/* The scenes at a path, sorted by name: the path itself if it fits a layout, else every folder in
+ * it that does (hidden ones left out). Nothing is read. *folders [*count] are paths; free them with
+ * lf_scene_folders_free. LF_BAD_INPUT: there is none; the message names what was looked for. */
+lf_status lf_scene_folders(const char *path, long *count, char ***folders, lf_error *err);
+void lf_scene_folders_free(long count, char **folders);
 
 const char *lf_scene_layout_name(lf_scene_layout layout);
 const char *lf_scene_split_name(lf_scene_split split); /* "train", "val", "test" */
