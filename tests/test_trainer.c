@@ -12,6 +12,8 @@
 #include "tests/same_arrays.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
+#include "train/batch.h"
+#include "train/recon_data.h"
 #include "train/trainer.h"
 
 static char folder[64];
