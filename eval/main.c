@@ -38,7 +38,7 @@ static void print_help(FILE *out)
         "  --json F          write the report as JSON (compare-* print it as well)\n"
         "  --out DIR         write meshes (PLY) and a picture of the first shapes, montage.png;\n"
         "                    renderers: the rendered views and montage.png\n"
-        "  --views N         renderers: at most N views of a scene\n"
+        "  --views N         renderers: at most N views of a scene; make-scene: views in all\n"
         "  --path P          spiral or orbit: numbered frames in --out, and how to make a video\n"
         "  --frames N        frames of the path (default 60)\n"
         "  --no-baselines    renderers: do not score what learns nothing\n"
@@ -67,7 +67,7 @@ enum { MOST_SETS = 256 };
 typedef struct arguments {
     const char *checkpoint, *set[MOST_SETS];
     int sets, threads;
-    unsigned given; /* bits 1 << (option - CHECKPOINT) */
+    uint64_t given; /* bits 1 << (option - CHECKPOINT) */
     long check;     /* elements of --check-equivariance; 0: not asked */
     long samples;
     bool normalise, done;
@@ -75,6 +75,7 @@ typedef struct arguments {
     lf_compare_images_options images;
     lf_render_job render; /* path, frames, baselines; the rest is in evaluate and images */
     long views;
+    lf_make_scene_options scene;
     int words;
     char **word; /* what is not an option */
 } arguments;
@@ -111,6 +112,11 @@ enum {
     PATH,
     FRAMES,
     NO_BASELINES,
+    LAYOUT,
+    INDEX,
+    SEED,
+    SIZE,
+    MESH,
     THREADS,
     QUIET,
     CHECK,
@@ -139,6 +145,11 @@ static const struct option option_table[] = {
     {"path", required_argument, NULL, PATH},
     {"frames", required_argument, NULL, FRAMES},
     {"no-baselines", no_argument, NULL, NO_BASELINES},
+    {"layout", required_argument, NULL, LAYOUT},
+    {"index", required_argument, NULL, INDEX},
+    {"seed", required_argument, NULL, SEED},
+    {"size", required_argument, NULL, SIZE},
+    {"mesh", required_argument, NULL, MESH},
     {"threads", required_argument, NULL, THREADS},
     {"quiet", no_argument, NULL, QUIET},
     {"check-equivariance", required_argument, NULL, CHECK},
@@ -189,6 +200,34 @@ static bool parse_flag(arguments *a, int option)
         return a->done = true;
     default:
         return false;
+    }
+}
+
+/* Options of make-scene alone. */
+static lf_status parse_scene_option(arguments *a, int option, lf_error *err)
+{
+    long n = 0;
+    switch (option) {
+    case LAYOUT:
+        a->scene.layout = optarg;
+        return LF_OK;
+    case MESH:
+        a->scene.mesh = optarg;
+        return LF_OK;
+    case INDEX:
+        LF_TRY(parse_number("index", optarg, 0, 1000000000, &n, err));
+        a->scene.index = (uint64_t)n;
+        return LF_OK;
+    case SEED:
+        LF_TRY(parse_number("seed", optarg, 0, 2147483647, &n, err));
+        a->scene.seed = (uint64_t)n;
+        return LF_OK;
+    case SIZE:
+        LF_TRY(parse_number("size", optarg, 8, 4096, &n, err));
+        a->scene.size = (int)n;
+        return LF_OK;
+    default:
+        return parse_flag(a, option) ? LF_OK : lf_fail(err, LF_BAD_INPUT, "see elf-eval --help");
     }
 }
 
@@ -243,7 +282,7 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         a->set[a->sets++] = optarg;
         return LF_OK;
     default:
-        return parse_flag(a, option) ? LF_OK : lf_fail(err, LF_BAD_INPUT, "see elf-eval --help");
+        return parse_scene_option(a, option, err);
     }
 }
 
@@ -252,7 +291,7 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
     int option;
     while (!a->done && (option = getopt_long(argc, argv, "", option_table, NULL)) != -1) {
         LF_TRY(parse_option(a, option, err));
-        a->given |= 1u << (option - CHECKPOINT);
+        a->given |= (uint64_t)1 << (option - CHECKPOINT);
     }
     a->words = argc - optind;
     a->word = argv + optind;
@@ -281,11 +320,11 @@ static lf_status check_report(const char *path, lf_error *err)
 /* Refuse options that the job has no use for: `used` lists those it has. */
 static lf_status check_given(const arguments *a, const char *job, const int *used, lf_error *err)
 {
-    unsigned left = a->given;
+    uint64_t left = a->given;
     for (; *used; used++)
-        left &= ~(1u << (*used - CHECKPOINT));
+        left &= ~((uint64_t)1 << (*used - CHECKPOINT));
     for (const struct option *o = option_table; o->name; o++)
-        if (left & 1u << (o->val - CHECKPOINT))
+        if (left & (uint64_t)1 << (o->val - CHECKPOINT))
             return lf_fail(err, LF_BAD_INPUT, "--%s means nothing to %s; see elf-eval --help",
                            o->name, job);
     return LF_OK;
@@ -317,7 +356,7 @@ static lf_status run_compare_images(const arguments *a, lf_error *err)
         return lf_fail(err, LF_BAD_INPUT, "compare-images takes two image files of one size");
     static const int used[] = {JSON, LPIPS_WEIGHTS, LPIPS_NET, THREADS, QUIET, 0};
     LF_TRY(check_given(a, "compare-images", used, err));
-    if (!a->images.weights && a->given & 1u << (LPIPS_NET - CHECKPOINT))
+    if (!a->images.weights && a->given & (uint64_t)1 << (LPIPS_NET - CHECKPOINT))
         return lf_fail(err, LF_BAD_INPUT,
                        "--lpips-net says whose the weights are: give --lpips-weights as well");
     lf_compare_images_options options = a->images;
@@ -442,8 +481,24 @@ static lf_status run_check_data(const arguments *a, lf_error *err)
     return lf_check_data(a->word[1], a->evaluate.out, a->evaluate.quiet ? NULL : stdout, err);
 }
 
+static lf_status run_make_scene(const arguments *a, lf_error *err)
+{
+    static const int used[] = {OUT, LAYOUT, INDEX, SEED, SIZE, MESH, VIEWS, THREADS, QUIET, 0};
+    if (a->words != 2)
+        return lf_fail(err, LF_BAD_INPUT, "make-scene takes a kind: glossy, diffuse or forward");
+    LF_TRY(check_given(a, "make-scene", used, err));
+    lf_make_scene_options options = a->scene;
+    options.kind = a->word[1];
+    options.folder = a->evaluate.out;
+    if (a->views)
+        options.views = a->views;
+    return lf_make_scene_job(&options, a->evaluate.quiet ? NULL : stdout, err);
+}
+
 static lf_status run(const arguments *a, lf_error *err)
 {
+    if (a->words > 0 && strcmp(a->word[0], "make-scene") == 0)
+        return run_make_scene(a, err);
     if (a->words > 0 && strcmp(a->word[0], "check-data") == 0)
         return run_check_data(a, err);
     if (a->words > 0 && strcmp(a->word[0], "compare-meshes") == 0)
@@ -466,7 +521,8 @@ int main(int argc, char **argv)
     lf_openmp_wait_briefly(argv);
     lf_error err = {""};
     arguments a = {.evaluate = {.split = "test", .pictures = 6},
-                   .render = {.frames = 60, .baselines = true}};
+                   .render = {.frames = 60, .baselines = true},
+                   .scene = lf_make_scene_defaults()};
     lf_status status = parse(argc, argv, &a, &err);
     if (status == LF_OK && !a.done) {
         if (a.threads)
