@@ -79,7 +79,7 @@ static lf_camera object_camera(const lf_world *w, int size, const double place[2
 /* On the patch before the room, y up. */
 static lf_camera room_camera(const lf_world *w, int size, const double place[2], lf_stream *s)
 {
-    const double wide = w->depth / 6, high = 0.6 * wide;
+    const double wide = w->depth / 3, high = 0.6 * wide;
     const double centre[3] = {wide * (place[0] - 0.5), high * (place[1] - 0.5),
                               0.1 * wide * (lf_uniform(s) - 0.5)};
     const double target[3] = {0, -0.1, -0.9 * w->depth};
