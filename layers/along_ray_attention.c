@@ -1,310 +1,410 @@
 /* along_ray_attention.c: attention between the points of one ray              [method.md 2.8, 5b.5]
  *
  *   D = depth_j - depth_i,  phi_b(D) = exp(-(D - m_b)^2 / 2 s^2), m_b from -1 to 1, s their spacing
- *   c(D) = 1 + sum_b w_b phi_b(D), complex per type and channel: u_ij = c_k(D) k_j, t_ij = c_v(D)
- * v_j l_{ij,h} = <q_i, u_ij>_h / sqrt(P C / H),  a = softmax_j over the keys,  y_i = sum_j a_ij
- * t_ij backward   dt = a dy_i,  da_h = <dy_i, t>_h,  dl = a (da - sum_j a da) / sqrt(P C / H) dq_i
- * += dl u,  du = dl q_i;  for both kernels, from dt or du as g: d(k or v)_j += conj(c) g,  dc = g
- * conj(k or v),  dw_b += phi_b dc
+ *   c(D) = 1 + sum_b w_b phi_b(D), complex per type and channel;  phi_16 = 1 with w_16 = 1
+ *   l_ij = <q_i, c_k(D) k_j>_h / sqrt(P C / H),  a = softmax_j over the keys,
+ *   y_i = sum_j a_ij c_v(D) v_j
+ *
+ * A profile's weights do not depend on j, so no pair ever has a profile of its own:
+ *
+ *   l_ij = sum_b phi_b <q_i conj(w_b), k_j>_h / sqrt(P C / H)                     "products"
+ *   y_i = sum_b w_b z_ib,  z_ib = sum_j a_ij phi_b(D) v_j                         "collect"
+ *   backward, g = dy_i:
+ *     da_ij = sum_b phi_b <g conj(w_b), v_j>_h                                    products
+ *     dv_j += a_ij sum_b phi_b g conj(w_b)                                        "expand"
+ *     dw_b += g conj(z_ib),  dl = a (da - sum_j a da) / sqrt(P C / H)
+ *     dk_j += dl_ij sum_b phi_b q_i conj(w_b)                                     expand
+ *     r_ib = sum_j dl_ij phi_b k_j,  dq_i = sum_b w_b r_ib,  dw_b += q_i conj(r_ib)
+ *
+ * with <x, y> = Re x conj(y) summed over the numbers of a head; a complex number stands for the
+ * pair of its parts and the pair of their gradients.
  *
  * Shapes       q, k, v, y [N, S, P C], w [16, P C] for keys and values; depth [N, S] in [0, 1].
- * Keeps        the weights a, the keys in blocks; profiles are computed again.
+ * Keeps        the weights a and z.
  * Masked       samples seen by less than two views are no keys: weight 0, no gradient.
  * Degenerate   a ray without keys gives zeros.
- * Channels are few, so keys run side by side: a vector holds one number of each key of a block.
+ *
+ * Two layouts. Keys side by side, [blocks of keys, numbers, LF_WIDE], for products and expand; the
+ * 16 Gaussians side by side for collect, where a vector holds one z of all b. The numbers of a row
+ * are ordered by heads: [H, P, C / H].
  */
+#include "layers/block_kernels.h"
 #include "layers/heads.h"
 #include "layers/light_field.h"
 
-/* One number of LANES keys side by side. */
-typedef lf_real lanes __attribute__((vector_size(64), may_alias));
-enum { LANES = 64 / sizeof(lf_real), BASIS = LF_ALONG_BASIS };
+enum {
+    W = LF_WIDE,
+    BASIS = LF_ALONG_BASIS,
+    TERMS = BASIS + 1,      /* with the constant */
+    ROW = BASIS + LF_LANES, /* numbers of a matrix row: BASIS Gaussians, the constant, none */
+    BASIS_VECTORS = BASIS / LF_LANES,
+    COLLECT_TILE = BASIS_VECTORS <= 12 ? 12 / BASIS_VECTORS : 1
+};
 
 typedef struct along {
     lf_light_geometry rays;
-    long planes, c, n; /* n = planes c */
+    long planes, c, n, per, size; /* n = planes c; per = c / heads; size = planes per, of a head */
     int heads;
     lf_real scale;
-    lf_real *weight;     /* [N, S, blocks, H, LANES] */
-    unsigned char *head; /* [n]: of each number of a row */
+    long blocks;       /* of keys of one ray */
+    const long *place; /* [n]: where number i of a row stands in the order of heads */
+    lf_real *weight;   /* [N, S, H, blocks, W] */
+    lf_real *z;        /* [N, S, n, BASIS] */
 } along;
 
-/* Working memory: of one ray, keys and values as lanes; of one block of keys the rest. */
+/* One ray's keys or values: as rows, and side by side with the gradient. */
+typedef struct keys {
+    lf_real *row;         /* [S, n] */
+    lf_real *wide, *grad; /* [blocks, n, W] */
+    lf_real *profile;     /* [n, BASIS] the weights of the Gaussians */
+    lf_real *dprofile;    /* the same, over all rays */
+} keys;
+
 typedef struct work {
-    lanes *k, *v;           /* [blocks, n] */
-    lanes *dk, *dv;         /* [blocks, n] */
-    lanes *dkw, *dvw;       /* [BASIS, n], over all rays */
-    lanes *profile, *u, *g; /* [n] */
-    lanes *sum;             /* [n]: of a query */
-    lanes *dl;              /* [blocks, H] */
+    keys k, v;
+    lf_real *mask;     /* [blocks, W]: 1 = a key of the ray */
+    lf_real *depth;    /* [blocks, W] */
+    lf_real *phi;      /* [blocks, TERMS, W] */
+    lf_real *phi_row;  /* [blocks W, BASIS] */
+    lf_real *pairs;    /* [blocks W, BASIS] of one head: numbers times phi_row */
+    lf_real *matrix;   /* [n, ROW] of a query: q conj(w_b), then q */
+    lf_real *x;        /* [n]: a query's row */
+    lf_real *number;   /* [H, blocks, W] */
+    lf_real *r;        /* [n, BASIS] */
+    lf_real *constant; /* [n] */
+    lf_real *buffer;   /* [max(TERMS, size), W] */
 } work;
 
-static long blocks_of(const along *t)
+static keys make_keys(lf_tape *tape, const along *t, const lf_real *profile)
 {
-    return (t->rays.samples + LANES - 1) / LANES;
+    keys k = {.row = lf_alloc_reals(tape, t->blocks * W * t->n),
+              .wide = lf_alloc_reals(tape, t->blocks * t->n * W),
+              .grad = lf_alloc_reals(tape, t->blocks * t->n * W),
+              .profile = lf_alloc_reals(tape, t->n * BASIS),
+              .dprofile = lf_alloc_reals(tape, t->n * BASIS)};
+    for (long i = 0; i < t->n; i++)
+        for (int b = 0; b < BASIS; b++) {
+            k.profile[t->place[i] * BASIS + b] = profile[b * t->n + i];
+            k.dprofile[t->place[i] * BASIS + b] = 0;
+        }
+    return k;
 }
 
-static work make_work(lf_tape *tape, const along *t, bool backward)
+static work make_work(lf_tape *tape, const along *t, lf_tensor *const *in)
 {
-    const long n = t->n, blocks = blocks_of(t), all = blocks * n;
-    const long size =
-        2 * all + 4 * n + (backward ? 2 * all + 2 * BASIS * n + blocks * t->heads : 0);
-    lanes *x = lf_alloc(tape, (size_t)size * sizeof *x);
-    memset(x, 0, (size_t)size * sizeof *x);
-    work w = {.k = x, .v = x + all, .profile = x + 2 * all};
-    w.u = w.profile + n;
-    w.g = w.u + n;
-    w.sum = w.g + n;
-    if (!backward)
-        return w;
-    w.dk = w.sum + n;
-    w.dv = w.dk + all;
-    w.dkw = w.dv + all;
-    w.dvw = w.dkw + BASIS * n;
-    w.dl = w.dvw + BASIS * n;
+    const long all = t->blocks * W, larger = TERMS > t->size ? TERMS : t->size;
+    work w = {.k = make_keys(tape, t, in[3]->value),
+              .v = make_keys(tape, t, in[4]->value),
+              .mask = lf_alloc_reals(tape, all),
+              .depth = lf_alloc_reals(tape, all),
+              .phi = lf_alloc_reals(tape, all * TERMS),
+              .phi_row = lf_alloc_reals(tape, all * BASIS),
+              .pairs = lf_alloc_reals(tape, all * BASIS),
+              .matrix = lf_alloc_reals(tape, t->n * ROW),
+              .x = lf_alloc_reals(tape, t->n),
+              .number = lf_alloc_reals(tape, all * t->heads),
+              .r = lf_alloc_reals(tape, t->n * BASIS),
+              .constant = lf_alloc_reals(tape, t->n),
+              .buffer = lf_alloc_reals(tape, larger * W)};
     return w;
 }
 
-static bool is_key(const along *t, long sample)
+/* Rows of the ray whose first sample is `first`; what is no key becomes 0. */
+static void load_keys(const along *t, const work *w, long first, const lf_real *x, keys *k)
 {
-    return t->rays.count->value[sample] >= LF_KEY_VIEWS;
-}
-
-/* Rows [samples, n] of the ray that starts at sample `first` to lanes [blocks, n]; no key: 0. */
-static void gather(const along *t, long first, const lf_real *x, lanes *restrict out)
-{
-    for (long j = 0; j < t->rays.samples; j++) {
-        const bool key = is_key(t, first + j);
-        const lf_real *row = x + (first + j) * t->n;
-        for (long i = 0; i < t->n; i++)
-            ((lf_real *)&out[j / LANES * t->n + i])[j % LANES] = key ? row[i] : 0;
-    }
-}
-
-static void scatter_add(const along *t, const lanes *x, lf_real *restrict out)
-{
+    memset(k->row, 0, (size_t)(t->blocks * W * t->n) * sizeof *k->row);
+    memset(k->wide, 0, (size_t)(t->blocks * W * t->n) * sizeof *k->wide);
+    memset(k->grad, 0, (size_t)(t->blocks * W * t->n) * sizeof *k->grad);
     for (long j = 0; j < t->rays.samples; j++)
-        for (long i = 0; i < t->n; i++)
-            out[j * t->n + i] += ((const lf_real *)&x[j / LANES * t->n + i])[j % LANES];
+        for (long i = 0; w->mask[j] > 0 && i < t->n; i++) {
+            const lf_real value = x[(first + j) * t->n + i];
+            const long at = t->place[i];
+            k->row[j * t->n + at] = value;
+            k->wide[(j / W * t->n + at) * W + j % W] = value;
+        }
 }
 
-static lf_real sum_of(const lanes *x)
+static void load_ray(const along *t, work *w, long first, lf_tensor *const *in)
 {
-    lf_real sum = 0;
-    for (int l = 0; l < LANES; l++)
-        sum += (*x)[l];
-    return sum;
+    for (long j = 0; j < t->blocks * W; j++) {
+        const bool sample = j < t->rays.samples;
+        w->mask[j] = sample && t->rays.count->value[first + j] >= LF_KEY_VIEWS;
+        w->depth[j] = sample ? t->rays.depth->value[first + j] : 0;
+    }
+    load_keys(t, w, first, in[1]->value, &w->k);
+    load_keys(t, w, first, in[2]->value, &w->v);
 }
 
-/* phi_b for one distance in units of the spacing, from centre 0 on: from the nearest centre
- * outwards by phi_{b+1} = phi_b e^{x - b - 1/2}; what is below 1e-30 is 0. */
-static void gaussians(lf_real at, long lane, lanes phi[BASIS])
+/* Gaussians of all keys from the depth of one sample, in both layouts. */
+static void load_gaussians(const along *t, const work *w, lf_real depth)
 {
-    const lf_real rounded = at < 0 ? 0 : at > BASIS - 1 ? BASIS - 1 : at + (lf_real)0.5;
-    const int near = (int)rounded;
-    const lf_real x = at - (lf_real)near, shrink = (lf_real)0.36787944117144233;
-    if (!(x * x < 100))
-        return;
-    const lf_real middle = LF_EXP(-x * x / 2);
-    phi[near][lane] = middle;
-    for (int side = -1; side <= 1; side += 2) {
-        lf_real value = middle, ratio = LF_EXP((lf_real)side * x - (lf_real)0.5);
-        for (int b = near + side; b >= 0 && b < BASIS && value > (lf_real)1e-30; b += side) {
-            value *= ratio;
-            ratio *= shrink;
-            phi[b][lane] = value;
+    const lf_real spacing = (lf_real)2 / (BASIS - 1);
+    for (long k = 0; k < t->blocks; k++) {
+        lf_real *phi = w->phi + k * TERMS * W;
+        for (int h = 0; h < LF_PARTS; h++) {
+            const lf_vec at = (lf_block_get(w->depth, k, h) - depth + 1) / spacing;
+            for (int b = 0; b < BASIS; b++) {
+                const lf_vec d = at - (lf_real)b;
+                lf_block_set(phi, b, h, lf_vec_exp((lf_real)-0.5 * d * d));
+            }
+            lf_block_set(phi, BASIS, h, lf_vec_all(1));
+        }
+        for (long l = 0; l < W; l++)
+            for (int b = 0; b < BASIS; b++)
+                w->phi_row[(k * W + l) * BASIS + b] = phi[b * W + l];
+    }
+}
+
+/* x conj(w_b) for all b, and x, to the matrix; x [n] in the order of heads. */
+static void load_matrix(const along *t, const work *w, const lf_real *x, const lf_real *profile)
+{
+    const long per = t->per;
+    for (long j = 0; j < t->n; j++) {
+        const long plane = j % t->size / per;
+        const lf_real *own = profile + j * BASIS;
+        /* real part: x_re w_re + x_im w_im; imaginary part: x_im w_re - x_re w_im */
+        const bool re = plane % 2;
+        const lf_real *real = plane && !re ? own - per * BASIS : own;
+        const lf_real *imag = re ? own + per * BASIS : own;
+        const lf_real other = plane == 0 ? 0 : re ? x[j + per] : -x[j - per];
+        lf_real *out = w->matrix + j * ROW;
+        for (int b = 0; b < BASIS; b += LF_LANES)
+            lf_vec_store(out + b, x[j] * lf_vec_load(real + b) + other * lf_vec_load(imag + b));
+        out[BASIS] = x[j];
+    }
+}
+
+/* number[h, k] = sum_b phi_b <row b of the matrix, x>_h of all keys. */
+static void products(const along *t, const work *w, const lf_real *x, lf_real *number)
+{
+    for (int head = 0; head < t->heads; head++)
+        for (long k = 0; k < t->blocks; k++) {
+            const lf_real *phi = w->phi + k * TERMS * W;
+            const lf_block_terms terms = {.in = t->size,
+                                          .x = x + (k * t->n + head * t->size) * W,
+                                          .w = {w->matrix + head * t->size * ROW, ROW, 1}};
+            lf_block_product(&terms, TERMS, w->buffer);
+            for (int h = 0; h < LF_PARTS; h++) {
+                lf_vec sum = {0};
+                for (int b = 0; b < TERMS; b++)
+                    sum += lf_block_get(phi, b, h) * lf_block_get(w->buffer, b, h);
+                lf_block_set(number, head * t->blocks + k, h, sum);
+            }
+        }
+}
+
+/* x += number[h, k] sum_b phi_b row b of the matrix. */
+static void expand(const along *t, const work *w, const lf_real *number, lf_real *x)
+{
+    for (int head = 0; head < t->heads; head++)
+        for (long k = 0; k < t->blocks; k++) {
+            const lf_block_terms terms = {.in = TERMS,
+                                          .x = w->phi + k * TERMS * W,
+                                          .w = {w->matrix + head * t->size * ROW, 1, ROW}};
+            lf_real *out = x + (k * t->n + head * t->size) * W;
+            lf_block_product(&terms, t->size, w->buffer);
+            for (int h = 0; h < LF_PARTS; h++) {
+                const lf_vec by = lf_block_get(number, head * t->blocks + k, h);
+                for (long i = 0; i < t->size; i++)
+                    lf_block_add(out, i, h, by * lf_block_get(w->buffer, i, h));
+            }
+        }
+}
+
+/* z [tile numbers, BASIS] = sum over keys of pairs [keys, BASIS] times x [keys, n]. */
+LF_INLINE void collect_tile(const int tile, long count, long n, const lf_real *pairs,
+                            const lf_real *x, lf_real *z)
+{
+    lf_vec sum[COLLECT_TILE][BASIS_VECTORS];
+    for (int i = 0; i < tile; i++)
+        for (int b = 0; b < BASIS_VECTORS; b++)
+            sum[i][b] = (lf_vec){0};
+    for (long j = 0; j < count; j++)
+        for (int i = 0; i < tile; i++) {
+            const lf_vec by = lf_vec_all(x[j * n + i]);
+            for (int b = 0; b < BASIS_VECTORS; b++)
+                sum[i][b] += by * lf_vec_load(pairs + j * BASIS + b * LF_LANES);
+        }
+    for (int i = 0; i < tile; i++)
+        for (int b = 0; b < BASIS_VECTORS; b++)
+            lf_vec_store(z + i * BASIS + b * LF_LANES, sum[i][b]);
+}
+
+/* z_b = sum_j number_j phi_b x_j -> z [n, BASIS]; the constant's -> constant [n]. */
+static void collect(const along *t, const work *w, const lf_real *number, const keys *x, lf_real *z)
+{
+    const long samples = t->rays.samples;
+    for (int head = 0; head < t->heads; head++) {
+        const lf_real *by = number + head * t->blocks * W;
+        for (long j = 0; j < samples; j++)
+            for (int b = 0; b < BASIS; b += LF_LANES)
+                lf_vec_store(w->pairs + j * BASIS + b,
+                             by[j] * lf_vec_load(w->phi_row + j * BASIS + b));
+        long i = head * t->size;
+        for (; i + COLLECT_TILE <= (head + 1) * t->size; i += COLLECT_TILE)
+            collect_tile(COLLECT_TILE, samples, t->n, w->pairs, x->row + i, z + i * BASIS);
+        for (; i < (head + 1) * t->size; i++)
+            collect_tile(1, samples, t->n, w->pairs, x->row + i, z + i * BASIS);
+        for (i = head * t->size; i < (head + 1) * t->size; i++) {
+            lf_vec sum = {0};
+            for (long k = 0; k < t->blocks; k++)
+                for (int h = 0; h < LF_PARTS; h++)
+                    sum += lf_block_get(by, k, h) * lf_block_get(x->wide, k * t->n + i, h);
+            w->constant[i] = lf_vec_total(sum);
         }
     }
 }
 
-/* phi_b of the sample i (counted over all rays) and a block of keys; 0 for keys past the last. */
-static void basis(const along *t, long i, long block, lanes phi[BASIS])
+/* y [n] = constant + sum_b w_b z_b. */
+static void join(const along *t, const work *w, const lf_real *profile, const lf_real *z,
+                 lf_real *y)
 {
-    const lf_real spacing = (lf_real)2 / (BASIS - 1), *depth = t->rays.depth->value;
-    const long samples = t->rays.samples, first = i / samples * samples;
-    memset(phi, 0, BASIS * sizeof *phi);
-    for (long l = 0; l < LANES && block * LANES + l < samples; l++)
-        gaussians((depth[first + block * LANES + l] - depth[i] + 1) / spacing, l, phi);
-}
-
-/* c = 1 + sum_b w_b phi_b: real part 1, imaginary part 0 where all w are 0. */
-static void make_profile(const along *t, const lanes phi[BASIS], const lf_real *w,
-                         lanes *restrict c)
-{
-    const lanes none = {0};
-    for (long i = 0; i < t->n; i++) {
-        const long p = i / t->c;
-        lanes sum = none + (lf_real)(p == 0 || p % 2);
-        for (int b = 0; b < BASIS; b++)
-            sum += w[b * t->n + i] * phi[b];
-        c[i] = sum;
+    const long per = t->per;
+    for (long j = 0; j < t->n; j++) {
+        const long plane = j % t->size / per;
+        const bool re = plane % 2;
+        /* real part: w_re z_re - w_im z_im; imaginary part: w_re z_im + w_im z_re */
+        const lf_real *real = profile + (plane && !re ? j - per : j) * BASIS;
+        const lf_real *imag = profile + (re ? j + per : j) * BASIS;
+        const lf_real *own = z + j * BASIS;
+        const lf_real *other = plane == 0 ? own : re ? own + per * BASIS : own - per * BASIS;
+        const lf_real turn = plane == 0 ? 0 : re ? -1 : 1;
+        lf_vec sum = {0};
+        for (int b = 0; b < BASIS; b += LF_LANES)
+            sum += lf_vec_load(real + b) * lf_vec_load(own + b) +
+                   turn * lf_vec_load(imag + b) * lf_vec_load(other + b);
+        y[j] = w->constant[j] + lf_vec_total(sum);
     }
 }
 
-/* out = a b per channel; scalars are real. */
-static void product(const along *t, const lanes *a, const lanes *b, lanes *restrict out)
+/* dw_b += x conj(z_b): x [n], z [n, BASIS]. */
+static void add_profile(const along *t, const lf_real *x, const lf_real *z, lf_real *dw)
 {
-    const long c = t->c;
-    for (long i = 0; i < c; i++)
-        out[i] = a[i] * b[i];
-    for (long first = c; first < t->n; first += 2 * c)
-        for (long re = first, im = first + c; re < first + c; re++, im++) {
-            out[re] = a[re] * b[re] - a[im] * b[im];
-            out[im] = a[re] * b[im] + a[im] * b[re];
-        }
+    const long per = t->per;
+    for (long j = 0; j < t->n; j++) {
+        const long plane = j % t->size / per;
+        const bool re = plane % 2;
+        /* real: x_re z_re + x_im z_im; imaginary: x_im z_re - x_re z_im */
+        const long other = plane == 0 ? j : re ? j + per : j - per;
+        const lf_real own = plane && !re ? -x[other] : x[j];
+        const lf_real cross = plane == 0 ? 0 : re ? x[other] : x[j];
+        for (int b = 0; b < BASIS; b += LF_LANES)
+            lf_vec_store(dw + j * BASIS + b, lf_vec_load(dw + j * BASIS + b) +
+                                                 own * lf_vec_load(z + j * BASIS + b) +
+                                                 cross * lf_vec_load(z + other * BASIS + b));
+    }
 }
 
-/* out += conj(a) b */
-static void add_conjugate_product(const along *t, const lanes *a, const lanes *b,
-                                  lanes *restrict out)
+/* Logits [blocks, W] of one head to weights, over the keys of the ray. */
+static void softmax_keys(const along *t, const work *w, lf_real *a)
 {
-    const long c = t->c;
-    for (long i = 0; i < c; i++)
-        out[i] += a[i] * b[i];
-    for (long first = c; first < t->n; first += 2 * c)
-        for (long re = first, im = first + c; re < first + c; re++, im++) {
-            out[re] += a[re] * b[re] + a[im] * b[im];
-            out[im] += a[re] * b[im] - a[im] * b[re];
-        }
+    const lf_vec none = {0};
+    lf_real largest = -INFINITY, sum = 0;
+    for (long j = 0; j < t->rays.samples; j++)
+        if (w->mask[j] > 0 && a[j] * t->scale > largest)
+            largest = a[j] * t->scale;
+    for (long j = 0; j < t->blocks * W; j += LF_LANES) {
+        const lf_vec e = lf_vec_select(lf_vec_load(w->mask + j) > 0,
+                                       lf_vec_exp(t->scale * lf_vec_load(a + j) - largest), none);
+        lf_vec_store(a + j, e);
+        sum += lf_vec_total(e);
+    }
+    for (long j = 0; sum > 0 && j < t->blocks * W; j++)
+        a[j] /= sum;
 }
 
-/* sums[h] = <x, u> per key and head, x the same for all keys. */
-static void head_products(const along *t, const lf_real *x, const lanes *u, lanes *restrict sums)
+static void load_row(const along *t, const lf_real *row, lf_real *x)
 {
-    memset(sums, 0, (size_t)t->heads * sizeof *sums);
     for (long i = 0; i < t->n; i++)
-        sums[t->head[i]] += x[i] * u[i];
+        x[t->place[i]] = row[i];
 }
 
-/* Logits [blocks, H] of one query to weights, over the keys of its ray. */
-static void softmax_keys(const along *t, long first, lanes *a)
+static lf_real *weights_of(const along *t, long i)
 {
-    const int heads = t->heads;
-    for (int h = 0; h < heads; h++) {
-        lf_real largest = -INFINITY, sum = 0;
-        for (long j = 0; j < t->rays.samples; j++)
-            if (is_key(t, first + j) && a[j / LANES * heads + h][j % LANES] > largest)
-                largest = a[j / LANES * heads + h][j % LANES];
-        for (long j = 0; j < t->rays.samples; j++) {
-            lf_real *x = (lf_real *)&a[j / LANES * heads + h] + j % LANES;
-            *x = is_key(t, first + j) ? LF_EXP(*x - largest) : 0;
-            sum += *x;
-        }
-        for (long k = 0; sum > 0 && k < blocks_of(t); k++)
-            a[k * heads + h] /= sum;
-    }
+    return t->weight + i * t->heads * t->blocks * W;
 }
 
-static lanes *weights_of(const along *t, long i)
-{
-    return (lanes *)t->weight + i * blocks_of(t) * t->heads;
-}
-
-/* in: q, k, v, key profile, value profile. */
 static void forward_point(const along *t, const work *w, long i, lf_tensor *const *in, lf_real *y)
 {
-    const long blocks = blocks_of(t), n = t->n;
-    lanes *a = weights_of(t, i), phi[BASIS];
-    for (long k = 0; k < blocks; k++) {
-        basis(t, i, k, phi);
-        make_profile(t, phi, in[3]->value, w->profile);
-        product(t, w->profile, w->k + k * n, w->u);
-        head_products(t, in[0]->value + i * n, w->u, a + k * t->heads);
-        for (int h = 0; h < t->heads; h++)
-            a[k * t->heads + h] *= t->scale;
-    }
-    softmax_keys(t, i / t->rays.samples * t->rays.samples, a);
-    memset(w->sum, 0, (size_t)n * sizeof *w->sum);
-    for (long k = 0; k < blocks; k++) {
-        basis(t, i, k, phi);
-        make_profile(t, phi, in[4]->value, w->profile);
-        product(t, w->profile, w->v + k * n, w->u);
-        for (long p = 0; p < n; p++)
-            w->sum[p] += a[k * t->heads + t->head[p]] * w->u[p];
-    }
-    for (long p = 0; p < n; p++)
-        y[p] = sum_of(&w->sum[p]);
+    lf_real *a = weights_of(t, i), *z = t->z + i * t->n * BASIS;
+    load_gaussians(t, w, t->rays.depth->value[i]);
+    load_row(t, in[0]->value + i * t->n, w->x);
+    load_matrix(t, w, w->x, w->k.profile);
+    products(t, w, w->k.wide, a);
+    for (int h = 0; h < t->heads; h++)
+        softmax_keys(t, w, a + h * t->blocks * W);
+    collect(t, w, a, &w->v, z);
+    join(t, w, w->v.profile, z, w->x);
+    for (long j = 0; j < t->n; j++)
+        y[j] = w->x[t->place[j]];
 }
 
-/* Adjoint of u = c(D) x for one query and block, given the gradient g of u. */
-static void kernel_backward(const along *t, const work *w, const lanes phi[BASIS], const lanes *x,
-                            lanes *dx, lanes *restrict dw)
+/* da in w->number becomes dl. */
+static void softmax_backward(const along *t, const work *w, const lf_real *a)
 {
-    add_conjugate_product(t, w->profile, w->g, dx);
-    memset(w->u, 0, (size_t)t->n * sizeof *w->u);
-    add_conjugate_product(t, x, w->g, w->u);
-    for (int b = 0; b < BASIS; b++)
-        for (long i = 0; i < t->n; i++)
-            dw[b * t->n + i] += phi[b] * w->u[i];
-}
-
-/* g = numbers per key and head times a row that all keys share. */
-static void spread(const along *t, const lanes *number, const lf_real *x, lanes *restrict g)
-{
-    for (long p = 0; p < t->n; p++)
-        g[p] = number[t->head[p]] * x[p];
+    const long all = t->blocks * W;
+    for (int h = 0; h < t->heads; h++) {
+        lf_real *d = w->number + h * all;
+        lf_vec pull = {0};
+        for (long j = 0; j < all; j += LF_LANES)
+            pull += lf_vec_load(a + h * all + j) * lf_vec_load(d + j);
+        const lf_real sum = lf_vec_total(pull);
+        for (long j = 0; j < all; j += LF_LANES)
+            lf_vec_store(d + j,
+                         t->scale * lf_vec_load(a + h * all + j) * (lf_vec_load(d + j) - sum));
+    }
 }
 
 static void backward_point(const along *t, const work *w, const lf_node *node, long i)
 {
-    const long blocks = blocks_of(t), n = t->n;
-    const int heads = t->heads;
-    const lanes *a = weights_of(t, i);
-    const lf_real *q = node->in[0]->value + i * n, *dy = node->out[0]->grad + i * n;
-    lanes phi[BASIS];
-    lf_real pull[LF_HEAD_CHANNELS] = {0};
-    for (long k = 0; k < blocks; k++) {
-        basis(t, i, k, phi);
-        make_profile(t, phi, node->in[4]->value, w->profile);
-        product(t, w->profile, w->v + k * n, w->u);
-        head_products(t, dy, w->u, w->dl + k * heads);
-        for (int h = 0; h < heads; h++) {
-            const lanes share = a[k * heads + h] * w->dl[k * heads + h];
-            pull[h] += sum_of(&share);
-        }
-        spread(t, a + k * heads, dy, w->g);
-        kernel_backward(t, w, phi, w->v + k * n, w->dv + k * n, w->dvw);
-    }
-    memset(w->sum, 0, (size_t)n * sizeof *w->sum);
-    for (long k = 0; k < blocks; k++) {
-        lanes *dl = w->dl + k * heads;
-        for (int h = 0; h < heads; h++)
-            dl[h] = t->scale * a[k * heads + h] * (dl[h] - pull[h]);
-        basis(t, i, k, phi);
-        make_profile(t, phi, node->in[3]->value, w->profile);
-        product(t, w->profile, w->k + k * n, w->u);
-        for (long p = 0; p < n; p++)
-            w->sum[p] += dl[t->head[p]] * w->u[p];
-        spread(t, dl, q, w->g);
-        kernel_backward(t, w, phi, w->k + k * n, w->dk + k * n, w->dkw);
-    }
-    for (long p = 0; node->in[0]->grad && p < n; p++)
-        node->in[0]->grad[i * n + p] += sum_of(&w->sum[p]);
+    const lf_real *a = weights_of(t, i);
+    load_gaussians(t, w, t->rays.depth->value[i]);
+    load_row(t, node->out[0]->grad + i * t->n, w->x);
+    load_matrix(t, w, w->x, w->v.profile);
+    products(t, w, w->v.wide, w->number);
+    expand(t, w, a, w->v.grad);
+    add_profile(t, w->x, t->z + i * t->n * BASIS, w->v.dprofile);
+    softmax_backward(t, w, a);
+    load_row(t, node->in[0]->value + i * t->n, w->x);
+    load_matrix(t, w, w->x, w->k.profile);
+    expand(t, w, w->number, w->k.grad);
+    collect(t, w, w->number, &w->k, w->r);
+    add_profile(t, w->x, w->r, w->k.dprofile);
+    join(t, w, w->k.profile, w->r, w->x);
+    for (long j = 0; node->in[0]->grad && j < t->n; j++)
+        node->in[0]->grad[i * t->n + j] += w->x[t->place[j]];
+}
+
+/* Gradients of one ray's keys or values to their rows: samples that are no keys get none. */
+static void store_keys(const along *t, const work *w, long first, const keys *k, lf_real *grad)
+{
+    for (long j = 0; grad && j < t->rays.samples; j++)
+        for (long i = 0; w->mask[j] > 0 && i < t->n; i++)
+            grad[(first + j) * t->n + i] += k->grad[(j / W * t->n + t->place[i]) * W + j % W];
+}
+
+static void store_profile(const along *t, const keys *k, lf_real *grad)
+{
+    for (int b = 0; grad && b < BASIS; b++)
+        for (long i = 0; i < t->n; i++)
+            grad[b * t->n + i] += k->dprofile[t->place[i] * BASIS + b];
 }
 
 static void backward(const lf_node *node)
 {
     const along *t = node->saved;
-    const long samples = t->rays.samples, n = t->n, all = blocks_of(t) * n;
-    const work w = make_work(node->tape, t, true);
+    const long samples = t->rays.samples;
     lf_tensor *const *in = node->in;
-    for (long r = 0; r < t->rays.rays; r++) {
-        gather(t, r * samples, in[1]->value, w.k);
-        gather(t, r * samples, in[2]->value, w.v);
-        memset(w.dk, 0, (size_t)(2 * all) * sizeof *w.dk); /* and dv */
-        for (long i = r * samples; i < (r + 1) * samples; i++)
+    work w = make_work(node->tape, t, in);
+    for (long first = 0; first < t->rays.rays * samples; first += samples) {
+        load_ray(t, &w, first, in);
+        for (long i = first; i < first + samples; i++)
             backward_point(t, &w, node, i);
-        if (in[1]->grad)
-            scatter_add(t, w.dk, in[1]->grad + r * samples * n);
-        if (in[2]->grad)
-            scatter_add(t, w.dv, in[2]->grad + r * samples * n);
+        store_keys(t, &w, first, &w.k, in[1]->grad);
+        store_keys(t, &w, first, &w.v, in[2]->grad);
     }
-    for (long p = 0; p < BASIS * n; p++) {
-        if (in[3]->grad)
-            in[3]->grad[p] += sum_of(&w.dkw[p]);
-        if (in[4]->grad)
-            in[4]->grad[p] += sum_of(&w.dvw[p]);
-    }
+    store_profile(t, &w.k, in[3]->grad);
+    store_profile(t, &w.v, in[4]->grad);
 }
 
 static void require_shapes(const along *t, lf_tensor *const *in)
@@ -321,6 +421,17 @@ static void require_shapes(const along *t, lf_tensor *const *in)
                    t->n);
 }
 
+/* Where the numbers of a row [P, C] stand in the order of heads [H, P, C / H]. */
+static const long *make_places(lf_tape *tape, const along *t)
+{
+    long *place = lf_alloc(tape, (size_t)t->n * sizeof *place);
+    for (long i = 0; i < t->n; i++) {
+        const long plane = i / t->c, channel = i % t->c;
+        place[i] = channel / t->per * t->size + plane * t->per + channel % t->per;
+    }
+    return place;
+}
+
 lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_tensor *v,
                                   lf_tensor *key_profile, lf_tensor *value_profile,
                                   const lf_light_geometry *rays, int heads)
@@ -328,22 +439,22 @@ lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_
     const long planes = lf_types_planes(&rays->types), c = lf_cols(q) / planes;
     const long points = rays->rays * rays->samples;
     along *t = lf_alloc(tape, sizeof *t);
-    *t = (along){*rays, planes, c, planes * c, heads, 0, NULL, NULL};
+    *t = (along){.rays = *rays, .planes = planes, .c = c, .n = planes * c, .heads = heads};
     lf_tensor *in[] = {q, k, v, key_profile, value_profile};
     require_shapes(t, in);
+    t->per = c / heads;
+    t->size = planes * t->per;
     t->scale = (lf_real)(1 / sqrt((double)t->n / heads));
-    t->head = lf_alloc(tape, (size_t)t->n);
-    for (long i = 0; i < t->n; i++)
-        t->head[i] = (unsigned char)(i % c * heads / c);
-    t->weight = lf_alloc_reals(tape, points * blocks_of(t) * LANES * heads);
+    t->blocks = (rays->samples + W - 1) / W;
+    t->place = make_places(tape, t);
+    t->weight = lf_alloc_reals(tape, points * heads * t->blocks * W);
+    t->z = lf_alloc_reals(tape, points * t->n * BASIS);
     lf_tensor *y = lf_tensor_like(tape, q);
     const lf_mark mark = lf_tape_mark(tape);
-    const work w = make_work(tape, t, false);
+    work w = make_work(tape, t, in);
     for (long i = 0; i < points; i++) {
-        if (i % rays->samples == 0) {
-            gather(t, i, k->value, w.k);
-            gather(t, i, v->value, w.v);
-        }
+        if (i % rays->samples == 0)
+            load_ray(t, &w, i, in);
         forward_point(t, &w, i, in, y->value + i * t->n);
     }
     lf_tape_release(tape, mark);

@@ -1,6 +1,9 @@
 /* ray_equivariant.c: see ray_equivariant.h. */
 #include "models/ray_equivariant.h"
 
+#include "autograd/kernels/wide.h"
+#include "layers/light_blocks.h"
+
 enum { DENSITY_WIDTH = 16 };
 
 static const char *const norm_name[] = {"convolution_norm", "cross_norm", "along_norm"};
@@ -53,28 +56,33 @@ void lf_ray_equivariant_init(lf_store *store, lf_ray_equivariant *net, const cha
 static lf_tensor *norm(lf_tape *tape, const lf_ray_equivariant *net, int place, lf_tensor *x)
 {
     const lf_parameter *gain = net->gain[place];
-    return gain ? lf_so2_layer_norm(tape, &net->config.types, x, lf_param(tape, gain)) : x;
+    return gain ? lf_blocks_norm(tape, &net->config.types, x, lf_param(tape, gain)) : x;
 }
 
-/* Views that see a sample over all views, less a half: [N, S, 1]. */
-static lf_tensor *view_share(lf_tape *tape, const lf_light_geometry *rays)
+/* [invariants of x; views that see a sample over all views, less a half]: [B, 1, count C + 1, W].
+ */
+static lf_tensor *density_inputs(lf_tape *tape, const lf_blocks *blocks, lf_tensor *x)
 {
+    const lf_light_geometry *rays = blocks->rays;
+    lf_tensor *n = lf_blocks_invariants(tape, &blocks->types, x);
     lf_tensor *share = lf_tensor_new(tape, 3, LF_DIMS(rays->rays, rays->samples, 1));
     for (long i = 0; i < share->size; i++)
         share->value[i] = rays->count->value[i] / (lf_real)rays->views - (lf_real)0.5;
-    return share;
+    lf_tensor *s = lf_blocks_of_points(tape, blocks, share);
+    lf_tensor *parts[] = {lf_reshape(tape, n, 2, LF_DIMS(blocks->blocks, n->dim[2] * LF_WIDE)),
+                          lf_reshape(tape, s, 2, LF_DIMS(blocks->blocks, LF_WIDE))};
+    return lf_reshape(tape, lf_concat(tape, 2, parts), 4,
+                      LF_DIMS(blocks->blocks, 1, n->dim[2] + 1, LF_WIDE));
 }
 
-static lf_tensor *density(lf_tape *tape, const lf_ray_equivariant *net, lf_tensor *x,
-                          const lf_light_geometry *rays)
+static lf_tensor *density(lf_tape *tape, const lf_ray_equivariant *net, const lf_blocks *blocks,
+                          lf_tensor *x)
 {
-    const lf_types *types = &net->config.types;
-    lf_tensor *y =
-        lf_so2_map_apply(tape, &net->mix, types, lf_so2_gated_apply(tape, &net->gated, types, x));
-    lf_tensor *parts[] = {lf_so2_invariants(tape, types, lf_add(tape, x, y)),
-                          view_share(tape, rays)};
-    lf_tensor *t = lf_mlp_apply(tape, &net->density, lf_concat(tape, 2, parts));
-    return lf_density(tape, t, rays->count);
+    lf_tensor *y = lf_blocks_gated(tape, &blocks->types, x, lf_param(tape, net->gated.gate.weight),
+                                   lf_param(tape, net->gated.gate.bias));
+    x = lf_add(tape, x, lf_blocks_map(tape, blocks, &net->mix, y, NULL));
+    lf_tensor *t = lf_blocks_mlp(tape, &net->density, density_inputs(tape, blocks, x));
+    return lf_density(tape, lf_blocks_rows(tape, blocks, t), blocks->rays->count);
 }
 
 lf_radiance lf_ray_equivariant_apply(lf_tape *tape, const lf_ray_equivariant *net,
@@ -85,14 +93,16 @@ lf_radiance lf_ray_equivariant_apply(lf_tape *tape, const lf_ray_equivariant *ne
                    lf_cols(in->seen) == net->config.inputs,
                "ray_equivariant: %d types, %ld numbers a view, not %d and %ld", rays->types.count,
                lf_cols(in->seen), net->config.types.count, net->config.inputs);
-    lf_tensor *x = lf_ray_ray_convolution_apply(tape, &net->convolution, in->seen, rays);
+    const lf_blocks blocks = lf_blocks_make(tape, rays);
+    lf_tensor *f = lf_blocks_of_views(tape, &blocks, in->seen);
+    lf_tensor *x = lf_blocks_convolution(tape, &blocks, &net->convolution, f, true);
     x = norm(tape, net, 0, x);
-    const lf_attended a = lf_cross_attention_apply(tape, &net->cross, in->seen, x, rays);
+    const lf_attended a = lf_blocks_cross(tape, &blocks, &net->cross, f, x);
     x = norm(tape, net, 1, a.field);
     if (net->config.along_ray)
-        x = norm(tape, net, 2, lf_add(tape, x, lf_along_ray_apply(tape, &net->along, x, rays)));
+        x = norm(tape, net, 2, lf_add(tape, x, lf_blocks_along(tape, &blocks, &net->along, x)));
     return (lf_radiance){lf_blend_columns(tape, a.weight, in->seen, LF_RGB),
-                         density(tape, net, x, rays)};
+                         density(tape, net, &blocks, x)};
 }
 
 /* Of a map within each type from ci to co channels: complex products are four real ones. */

@@ -1,0 +1,280 @@
+/* block_kernels.h: the arithmetic of fields in blocks: LF_WIDE points side by side, one vector a
+ * number.                                                                  [layers/light_blocks.h]
+ *
+ * x [n, LF_WIDE] holds n numbers of each point of a block. Vectors are the machine's (LF_LANES), so
+ * that sums stay in registers: a block has LF_PARTS of them. Weights are scalars that all points
+ * share, read at any two strides: a transposed matrix costs nothing.
+ */
+#ifndef LF_LAYERS_BLOCK_KERNELS_H
+#define LF_LAYERS_BLOCK_KERNELS_H
+
+#include <stdbool.h>
+
+#include "autograd/kernels/wide.h"
+
+enum { LF_PARTS = LF_WIDE / LF_LANES, LF_BLOCK_TILE = 12 / LF_PARTS };
+
+/* ---- vectors ----------------------------------------------------------------------------------
+ */
+
+#ifdef LF_DOUBLE
+typedef int64_t lf_vec_bits __attribute__((vector_size(LF_VEC_BYTES)));
+#else
+typedef int32_t lf_vec_bits __attribute__((vector_size(LF_VEC_BYTES)));
+#endif
+
+LF_INLINE lf_vec lf_vec_select(lf_vec_bits condition, lf_vec a, lf_vec b)
+{
+    return (lf_vec)((condition & (lf_vec_bits)a) | (~condition & (lf_vec_bits)b));
+}
+
+/* e^x = scale (1 + rest), as in wide.h. */
+LF_INLINE lf_vec lf_vec_exp_parts(lf_vec x, lf_vec *rest)
+{
+    const lf_vec most = lf_vec_all(LF_WIDE_MOST), round = lf_vec_all(LF_WIDE_ROUND);
+    x = lf_vec_select(x > most, most, x);
+    x = lf_vec_select(x < -most, -most, x);
+    const lf_vec shifted = x * (lf_real)1.44269504088896341 + round;
+    const lf_vec n = shifted - round;
+    const lf_vec r = (x - n * LF_WIDE_LN2_HIGH) - n * LF_WIDE_LN2_LOW;
+#ifdef LF_DOUBLE
+    static const double series[] = {
+        1.0 / 6227020800, 1.0 / 479001600, 1.0 / 39916800, 1.0 / 3628800, 1.0 / 362880, 1.0 / 40320,
+        1.0 / 5040,       1.0 / 720,       1.0 / 120,      1.0 / 24,      1.0 / 6,      0.5};
+    enum { TERMS = 12 };
+#else
+    static const float series[] = {1.0f / 5040, 1.0f / 720, 1.0f / 120, 1.0f / 24, 1.0f / 6, 0.5f};
+    enum { TERMS = 6 };
+#endif
+    lf_vec p = lf_vec_all(series[0]);
+    for (int i = 1; i < TERMS; i++)
+        p = p * r + series[i];
+    *rest = r + r * r * p;
+    const lf_vec_bits whole = (lf_vec_bits)shifted - (lf_vec_bits)round;
+    return (lf_vec)((whole + LF_WIDE_BIAS) << LF_WIDE_MANTISSA);
+}
+
+LF_INLINE lf_vec lf_vec_exp(lf_vec x)
+{
+    lf_vec rest;
+    const lf_vec scale = lf_vec_exp_parts(x, &rest);
+    return scale + scale * rest;
+}
+
+LF_INLINE lf_vec lf_vec_sigmoid(lf_vec x)
+{
+    return 1 / (1 + lf_vec_exp(-x));
+}
+
+/* ELU, and its slope. */
+LF_INLINE lf_vec lf_vec_elu(lf_vec x, lf_vec *slope)
+{
+    lf_vec rest;
+    const lf_vec scale = lf_vec_exp_parts(x, &rest), one = lf_vec_all(1);
+    *slope = lf_vec_select(x > 0, one, scale + scale * rest);
+    return lf_vec_select(x > 0, x, scale * rest + (scale - 1));
+}
+
+LF_INLINE lf_vec lf_vec_sqrt(lf_vec x)
+{
+#if defined(__AVX512F__) && defined(LF_DOUBLE)
+    return (lf_vec)_mm512_sqrt_pd((__m512d)x);
+#elif defined(__AVX512F__)
+    return (lf_vec)_mm512_sqrt_ps((__m512)x);
+#else
+    lf_vec y;
+    for (int i = 0; i < LF_LANES; i++)
+        y[i] = LF_SQRT(x[i]);
+    return y;
+#endif
+}
+
+/* Sum of the lanes in a short tree. */
+LF_INLINE lf_real lf_vec_total(lf_vec v)
+{
+    lf_real t[LF_LANES];
+    memcpy(t, &v, sizeof v);
+    for (int n = LF_LANES / 2; n > 0; n /= 2)
+        for (int i = 0; i < n; i++)
+            t[i] += t[i + n];
+    return t[0];
+}
+
+/* Part h of number i of a block. */
+LF_INLINE lf_vec lf_block_get(const lf_real *x, long i, int h)
+{
+    return lf_vec_load(x + i * LF_WIDE + h * LF_LANES);
+}
+
+LF_INLINE void lf_block_set(lf_real *x, long i, int h, lf_vec v)
+{
+    lf_vec_store(x + i * LF_WIDE + h * LF_LANES, v);
+}
+
+LF_INLINE void lf_block_add(lf_real *x, long i, int h, lf_vec v)
+{
+    lf_block_set(x, i, h, lf_block_get(x, i, h) + v);
+}
+
+/* ---- products ----------------------------------------------------------------------------------
+ */
+
+/* A matrix with elements w[i * in_step + o * out_step]. */
+typedef struct lf_block_matrix {
+    const lf_real *w;
+    long in_step, out_step;
+} lf_block_matrix;
+
+/* What a tile of outputs sums: x w, and if x2 is there, sign x2 w2. */
+typedef struct lf_block_terms {
+    long in;
+    const lf_real *x, *x2;
+    lf_block_matrix w, w2;
+    lf_real sign;
+    const lf_real *bias; /* [out] or NULL */
+    bool accumulate;     /* y += instead of y = */
+} lf_block_terms;
+
+LF_INLINE void lf_block_tile(const lf_block_terms *t, const int tile, long o, lf_real *y)
+{
+    lf_vec sum[12][LF_PARTS];
+    for (int k = 0; k < tile; k++)
+        for (int h = 0; h < LF_PARTS; h++)
+            sum[k][h] = lf_vec_all(t->bias ? t->bias[o + k] : 0) +
+                        (t->accumulate ? lf_block_get(y, o + k, h) : (lf_vec){0});
+    const lf_real *w = t->w.w + o * t->w.out_step;
+    for (long i = 0; i < t->in; i++, w += t->w.in_step)
+        for (int k = 0; k < tile; k++) {
+            const lf_vec by = lf_vec_all(w[k * t->w.out_step]);
+            for (int h = 0; h < LF_PARTS; h++)
+                sum[k][h] += by * lf_block_get(t->x, i, h);
+        }
+    w = t->w2.w + o * t->w2.out_step;
+    for (long i = 0; t->x2 && i < t->in; i++, w += t->w2.in_step)
+        for (int k = 0; k < tile; k++) {
+            const lf_vec by = lf_vec_all(t->sign * w[k * t->w2.out_step]);
+            for (int h = 0; h < LF_PARTS; h++)
+                sum[k][h] += by * lf_block_get(t->x2, i, h);
+        }
+    for (int k = 0; k < tile; k++)
+        for (int h = 0; h < LF_PARTS; h++)
+            lf_block_set(y, o + k, h, sum[k][h]);
+}
+
+/* y [out, LF_WIDE]. */
+static inline void lf_block_product(const lf_block_terms *t, long out, lf_real *y)
+{
+    const long parts = (out + LF_BLOCK_TILE - 1) / LF_BLOCK_TILE;
+    for (long p = 0, o = 0; p < parts; p++) {
+        const long size = (out - o + parts - p - 1) / (parts - p);
+        switch (size) {
+#define TILE(n)                                                                                    \
+    case n:                                                                                        \
+        lf_block_tile(t, n, o, y);                                                                 \
+        break;
+            TILE(1)
+            TILE(2)
+            TILE(3)
+#if LF_VEC_BYTES >= 32
+            TILE(4)
+            TILE(5)
+            TILE(6)
+#endif
+#if LF_VEC_BYTES >= 64
+            TILE(7)
+            TILE(8)
+            TILE(9)
+            TILE(10)
+            TILE(11)
+            TILE(12)
+#endif
+#undef TILE
+        }
+        o += size;
+    }
+}
+
+/* ---- gradients of weights ---------------------------------------------------------------------
+ */
+
+/* dw[i * in_step + o * out_step] += sum over groups and points of x_g[i] y_g[o] (+ sign x2 y2); the
+ * groups are x_step and y_step numbers apart. */
+typedef struct lf_block_pairs {
+    long groups, x_step, y_step;
+    const lf_real *x, *y, *x2, *y2;
+    lf_real sign;
+} lf_block_pairs;
+
+LF_INLINE void lf_block_outer_tile(const lf_block_pairs *t, const int ti, const int to, long i,
+                                   long o, lf_real *dw, long in_step, long out_step)
+{
+    lf_vec sum[4][4][LF_PARTS] = {{{{0}}}};
+    const lf_real *x = t->x + i * LF_WIDE, *y = t->y + o * LF_WIDE;
+    for (long g = 0; g < t->groups; g++, x += t->x_step, y += t->y_step)
+        for (int h = 0; h < LF_PARTS; h++)
+            for (int a = 0; a < ti; a++)
+                for (int b = 0; b < to; b++)
+                    sum[a][b][h] += lf_block_get(x, a, h) * lf_block_get(y, b, h);
+    if (t->x2) {
+        x = t->x2 + i * LF_WIDE;
+        y = t->y2 + o * LF_WIDE;
+        for (long g = 0; g < t->groups; g++, x += t->x_step, y += t->y_step)
+            for (int h = 0; h < LF_PARTS; h++)
+                for (int a = 0; a < ti; a++)
+                    for (int b = 0; b < to; b++)
+                        sum[a][b][h] += t->sign * lf_block_get(x, a, h) * lf_block_get(y, b, h);
+    }
+    for (int a = 0; a < ti; a++)
+        for (int b = 0; b < to; b++) {
+            lf_vec all = sum[a][b][0];
+            for (int h = 1; h < LF_PARTS; h++)
+                all += sum[a][b][h];
+            dw[(i + a) * in_step + (o + b) * out_step] += lf_vec_total(all);
+        }
+}
+
+/* Tiles of 2 x 3 numbers, 4 x 3 with 32 registers. */
+static inline void lf_block_outer(const lf_block_pairs *t, long in, long out, lf_real *dw,
+                                  long in_step, long out_step)
+{
+    enum { TI = LF_PARTS == 1 ? 4 : 2, TO = 3 };
+    for (long o = 0; o < out; o += TO)
+        for (long i = 0; i < in; i += TI) {
+            const long a = in - i < TI ? in - i : TI, b = out - o < TO ? out - o : TO;
+            switch (4 * a + b) {
+#define TILE(n, m)                                                                                 \
+    case 4 * n + m:                                                                                \
+        lf_block_outer_tile(t, n, m, i, o, dw, in_step, out_step);                                 \
+        break;
+                TILE(1, 1)
+                TILE(1, 2)
+                TILE(1, 3)
+                TILE(2, 1)
+                TILE(2, 2)
+                TILE(2, 3)
+#if LF_VEC_BYTES >= 64
+                TILE(3, 1)
+                TILE(3, 2)
+                TILE(3, 3)
+                TILE(4, 1)
+                TILE(4, 2)
+                TILE(4, 3)
+#endif
+#undef TILE
+            }
+        }
+}
+
+/* db[o] += sum over groups and points of y_g[o]. */
+static inline void lf_block_sums(long groups, long step, long out, const lf_real *y, lf_real *db)
+{
+    for (long o = 0; o < out; o++) {
+        lf_vec sum = {0};
+        for (long g = 0; g < groups; g++)
+            for (int h = 0; h < LF_PARTS; h++)
+                sum += lf_block_get(y + g * step, o, h);
+        db[o] += lf_vec_total(sum);
+    }
+}
+
+#endif

@@ -1,0 +1,357 @@
+/* block_maps.c: blocks from rows and back, and linear maps of blocks.      [layers/light_blocks.h]
+ *
+ *   linear   y = act(x w + b)              dz = act' dy, dx += dz w', dw += x dz, db += dz
+ *   map      per type y = (A + i B) x      as in so2_linear.c; dpoint += sum over the groups of dy
+ *
+ * The gradient of a weight is summed over all blocks and groups in registers.
+ */
+#include "layers/block_kernels.h"
+#include "layers/light_blocks.h"
+
+enum { W = LF_WIDE };
+
+/* ---- where points and views stand --------------------------------------------------------------
+ */
+
+/* Group numbers; returns how many. */
+static long list_groups(const lf_light_geometry *rays, long points, long blocks, long *first,
+                        long *view)
+{
+    long groups = 0;
+    for (long b = 0; b < blocks; b++) {
+        first[b] = groups;
+        for (long v = 0; v < rays->views; v++) {
+            bool seen = false;
+            for (long p = b * W; p < points && p < (b + 1) * W && !seen; p++)
+                seen = rays->mask->value[p * rays->views + v] > 0;
+            view[groups] = v;
+            groups += seen;
+        }
+    }
+    first[blocks] = groups;
+    return groups;
+}
+
+static void fill_group(const lf_blocks *k, long b, long g, lf_real *mask, lf_real *phase)
+{
+    const lf_light_geometry *rays = k->rays;
+    const long planes = lf_types_planes(&k->types), v = k->view[g];
+    for (long l = 0; l < W; l++) {
+        const long p = b * W + l < k->points ? b * W + l : k->points - 1;
+        const long pv = p * rays->views + v;
+        const lf_real *z = rays->phase->value + (p / rays->samples * rays->views + v) * planes;
+        mask[g * W + l] = b * W + l < k->points ? rays->mask->value[pv] : 0;
+        for (long i = 0; i < planes; i++)
+            phase[(g * planes + i) * W + l] = z[i];
+        for (long i = 0; i < 3; i++)
+            k->angle->value[(g * 3 + i) * W + l] = rays->angle->value[3 * pv + i];
+    }
+}
+
+lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *rays)
+{
+    const long points = rays->rays * rays->samples, blocks = (points + W - 1) / W;
+    const long planes = lf_types_planes(&rays->types);
+    lf_blocks k = {rays, rays->types, points, blocks, 0, NULL, NULL, NULL, NULL, NULL, NULL};
+    long *first = lf_alloc(tape, (size_t)(blocks + 1) * sizeof *first);
+    long *view = lf_alloc(tape, (size_t)(blocks * rays->views) * sizeof *view);
+    k.groups = list_groups(rays, points, blocks, first, view);
+    lf_real *mask = lf_alloc_reals(tape, k.groups * W), *share = lf_alloc_reals(tape, blocks * W);
+    lf_real *phase = lf_alloc_reals(tape, k.groups * planes * W);
+    k.first = first;
+    k.view = view;
+    k.mask = mask;
+    k.share = share;
+    k.phase = phase;
+    k.angle = lf_tensor_new(tape, 4, LF_DIMS(k.groups, 1, 3, W));
+    for (long b = 0; b < blocks; b++)
+        for (long g = first[b]; g < first[b + 1]; g++)
+            fill_group(&k, b, g, mask, phase);
+    for (long p = 0; p < blocks * W; p++) {
+        const lf_real count = p < points ? rays->count->value[p] : 0;
+        share[p] = count > 0 ? 1 / count : 0;
+    }
+    return k;
+}
+
+/* ---- rows <-> blocks ---------------------------------------------------------------------------
+ */
+
+/* Where rows of a tensor stand: row of point p and view v (0 without views), or -1. */
+typedef struct rows {
+    lf_blocks blocks;
+    bool views;
+} rows;
+
+static long row_of(const rows *t, long b, long g, long lane)
+{
+    const long p = b * W + lane;
+    if (p >= t->blocks.points)
+        return -1;
+    if (!t->views)
+        return p;
+    return t->blocks.mask[g * W + lane] > 0 ? p * t->blocks.rays->views + t->blocks.view[g] : -1;
+}
+
+/* x [rows, n] -> y [.., n, W], or with `back` y -> x, adding. */
+static void move(const rows *t, long n, lf_real *x, lf_real *y, bool back)
+{
+    for (long b = 0; b < t->blocks.blocks; b++) {
+        const long first = t->views ? t->blocks.first[b] : b;
+        const long last = t->views ? t->blocks.first[b + 1] : b + 1;
+        for (long g = first; g < last; g++)
+            for (long l = 0; l < W; l++) {
+                const long r = row_of(t, b, g, l);
+                lf_real *to = y + g * n * W + l, *from = x + r * n;
+                if (back && r >= 0)
+                    for (long i = 0; i < n; i++)
+                        from[i] += to[i * W];
+                else if (!back)
+                    for (long i = 0; i < n; i++)
+                        to[i * W] = r >= 0 ? from[i] : 0;
+            }
+    }
+}
+
+static void of_rows_backward(const lf_node *node)
+{
+    const lf_tensor *x = node->in[0];
+    move(node->saved, lf_cols(x), x->grad, node->out[0]->grad, true);
+}
+
+static lf_tensor *of_rows(lf_tape *tape, const lf_blocks *blocks, lf_tensor *x, bool views)
+{
+    const long n = lf_cols(x), count = blocks->points * (views ? blocks->rays->views : 1);
+    LF_REQUIRE(lf_rows(x) == count, "lf_blocks_of: %ld rows, not %ld", lf_rows(x), count);
+    rows *t = lf_alloc(tape, sizeof *t);
+    *t = (rows){*blocks, views};
+    lf_tensor *y =
+        lf_tensor_new(tape, 4, LF_DIMS(views ? blocks->groups : blocks->blocks, 1, n, W));
+    move(t, n, x->value, y->value, false);
+    lf_record(tape, "blocks_of_rows", of_rows_backward, t, LF_IN(x), LF_OUT(y));
+    return y;
+}
+
+lf_tensor *lf_blocks_of_views(lf_tape *tape, const lf_blocks *blocks, lf_tensor *x)
+{
+    return of_rows(tape, blocks, x, true);
+}
+
+lf_tensor *lf_blocks_of_points(lf_tape *tape, const lf_blocks *blocks, lf_tensor *x)
+{
+    return of_rows(tape, blocks, x, false);
+}
+
+static void rows_backward(const lf_node *node)
+{
+    const lf_tensor *x = node->in[0], *y = node->out[0];
+    const rows *t = node->saved;
+    const long n = lf_cols(y);
+    for (long p = 0; p < t->blocks.points; p++)
+        for (long i = 0; i < n; i++)
+            x->grad[(p / W * n + i) * W + p % W] += y->grad[p * n + i];
+}
+
+lf_tensor *lf_blocks_rows(lf_tape *tape, const lf_blocks *blocks, lf_tensor *x)
+{
+    const long n = x->dim[2];
+    LF_REQUIRE(x->rank == 4 && x->dim[0] == blocks->blocks, "lf_blocks_rows: %ld blocks, not %ld",
+               x->dim[0], blocks->blocks);
+    rows *t = lf_alloc(tape, sizeof *t);
+    *t = (rows){*blocks, false};
+    lf_tensor *y = lf_tensor_new(tape, 3, LF_DIMS(blocks->rays->rays, blocks->rays->samples, n));
+    memset(y->value, 0, (size_t)y->size * sizeof *y->value);
+    move(t, n, y->value, x->value, true);
+    lf_record(tape, "blocks_rows", rows_backward, t, LF_IN(x), LF_OUT(y));
+    return y;
+}
+
+/* ---- linear maps -------------------------------------------------------------------------------
+ */
+
+static void activate(long n, lf_activation act, lf_real *y)
+{
+    lf_vec slope;
+    for (long i = 0; i < n; i++)
+        for (int h = 0; act != LF_IDENTITY && h < LF_PARTS; h++) {
+            const lf_vec z = lf_block_get(y, i, h);
+            lf_block_set(y, i, h,
+                         act == LF_RELU      ? lf_vec_relu(z)
+                         : act == LF_SIGMOID ? lf_vec_sigmoid(z)
+                                             : lf_vec_elu(z, &slope));
+        }
+}
+
+/* dz from y and dy; the ELU's slope is 1 + y below 0. */
+static const lf_real *behind(const lf_node *node, lf_activation act)
+{
+    const lf_tensor *y = node->out[0];
+    if (act == LF_IDENTITY)
+        return y->grad;
+    lf_real *dz = lf_alloc_reals(node->tape, y->size);
+    const lf_vec zero = {0};
+    for (long i = 0; i < y->size; i += LF_LANES) {
+        const lf_vec v = lf_vec_load(y->value + i), d = lf_vec_load(y->grad + i);
+        lf_vec_store(dz + i, act == LF_RELU      ? lf_vec_select(v > 0, d, zero)
+                             : act == LF_SIGMOID ? v * (1 - v) * d
+                                                 : lf_vec_select(v > 0, d, d * (1 + v)));
+    }
+    return dz;
+}
+
+static void linear_backward(const lf_node *node)
+{
+    const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
+    const long in = w->dim[0], out = w->dim[1], groups = x->dim[0];
+    const lf_real *dz = behind(node, *(const lf_activation *)node->saved);
+    for (long g = 0; x->grad && g < groups; g++) {
+        const lf_block_terms t = {
+            .in = out, .x = dz + g * out * W, .w = {w->value, 1, out}, .accumulate = true};
+        lf_block_product(&t, in, x->grad + g * in * W);
+    }
+    const lf_block_pairs p = {groups, in * W, out * W, x->value, dz, NULL, NULL, 0};
+    if (w->grad)
+        lf_block_outer(&p, in, out, w->grad, out, 1);
+    if (b && b->grad)
+        lf_block_sums(groups, out * W, out, dz, b->grad);
+}
+
+lf_tensor *lf_blocks_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b,
+                            lf_activation act)
+{
+    LF_REQUIRE(x->rank == 4 && x->dim[2] == w->dim[0] && (!b || b->size == w->dim[1]),
+               "lf_blocks_linear: %ld numbers, w [%ld, %ld]", x->dim[2], w->dim[0], w->dim[1]);
+    const long in = w->dim[0], out = w->dim[1];
+    lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(x->dim[0], 1, out, W));
+    for (long g = 0; g < x->dim[0]; g++) {
+        const lf_block_terms t = {.in = in,
+                                  .x = x->value + g * in * W,
+                                  .w = {w->value, out, 1},
+                                  .bias = b ? b->value : NULL};
+        lf_block_product(&t, out, y->value + g * out * W);
+        activate(out, act, y->value + g * out * W);
+    }
+    lf_activation *saved = lf_alloc(tape, sizeof *saved);
+    *saved = act;
+    lf_record(tape, "blocks_linear", linear_backward, saved, LF_IN(x, w, b), LF_OUT(y));
+    return y;
+}
+
+lf_tensor *lf_blocks_mlp(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x)
+{
+    for (int i = 0; i < mlp->count; i++)
+        x = lf_blocks_linear(tape, x, lf_param(tape, mlp->layer[i].weight),
+                             lf_param(tape, mlp->layer[i].bias),
+                             i + 1 < mlp->count ? mlp->act : LF_IDENTITY);
+    return x;
+}
+
+/* ---- maps within a type ------------------------------------------------------------------------
+ */
+
+typedef struct map {
+    lf_types types;
+    long in, out, blocks;
+    const long *first; /* groups of a block; NULL: x is of points */
+} map;
+
+/* y (+)= (A + i B) x of one group, or with `adjoint` the adjoint of it. */
+static void map_group(const map *m, const lf_real *w, const lf_real *bias, bool adjoint,
+                      const lf_real *x, lf_real *y)
+{
+    const long ci = adjoint ? m->out : m->in, co = adjoint ? m->in : m->out, size = ci * co;
+    const long in_step = adjoint ? 1 : co, out_step = adjoint ? ci : 1;
+    const lf_real sign = adjoint ? -1 : 1;
+    lf_block_terms t = {
+        .in = ci, .x = x, .w = {w, in_step, out_step}, .bias = bias, .accumulate = adjoint};
+    lf_block_product(&t, co, y);
+    t.bias = NULL;
+    for (int k = 1; k < m->types.count; k++) {
+        const lf_block_matrix a = {w + (2 * k - 1) * size, in_step, out_step},
+                              b = {a.w + size, in_step, out_step};
+        const lf_real *re = x + (2 * k - 1) * ci * W, *im = re + ci * W;
+        t.w = a;
+        t.w2 = b;
+        t.x = re;
+        t.x2 = im;
+        t.sign = -sign;
+        lf_block_product(&t, co, y + (2 * k - 1) * co * W);
+        t.x = im;
+        t.x2 = re;
+        t.sign = sign;
+        lf_block_product(&t, co, y + 2 * k * co * W);
+    }
+}
+
+static void map_weights(const map *m, long groups, const lf_real *x, const lf_real *dy, lf_real *dw)
+{
+    const long ci = m->in, co = m->out, rx = lf_types_planes(&m->types) * ci * W, ry = rx / ci * co;
+    lf_block_pairs p = {groups, rx, ry, x, dy, NULL, NULL, 0};
+    lf_block_outer(&p, ci, co, dw, co, 1);
+    for (int k = 1; k < m->types.count; k++) {
+        const long plane = 2 * k - 1;
+        const lf_real *re = x + plane * ci * W, *im = re + ci * W;
+        const lf_real *gr = dy + plane * co * W, *gi = gr + co * W;
+        p = (lf_block_pairs){groups, rx, ry, re, gr, im, gi, 1};
+        lf_block_outer(&p, ci, co, dw + plane * ci * co, co, 1);
+        p = (lf_block_pairs){groups, rx, ry, re, gi, im, gr, -1};
+        lf_block_outer(&p, ci, co, dw + (plane + 1) * ci * co, co, 1);
+    }
+}
+
+/* y += or point += between a block and all its groups. */
+static void add_blocks(const map *m, long n, lf_real *groups, lf_real *blocks, bool to_groups)
+{
+    for (long b = 0; b < m->blocks; b++) {
+        const long first = m->first ? m->first[b] : b, last = m->first ? m->first[b + 1] : b + 1;
+        lf_real *y = blocks + b * n;
+        for (long g = first; g < last; g++) {
+            lf_real *x = groups + g * n;
+            for (long i = 0; i < n; i += LF_LANES) {
+                const lf_vec sum = lf_vec_load(x + i) + lf_vec_load(y + i);
+                lf_vec_store(to_groups ? x + i : y + i, sum);
+            }
+        }
+    }
+}
+
+static void map_backward(const lf_node *node)
+{
+    const map *m = node->saved;
+    const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2], *point = node->in[3];
+    const lf_tensor *y = node->out[0];
+    const long planes = lf_types_planes(&m->types), groups = x->dim[0];
+    const long rx = planes * m->in * W, ry = planes * m->out * W;
+    for (long g = 0; x->grad && g < groups; g++)
+        map_group(m, w->value, NULL, true, y->grad + g * ry, x->grad + g * rx);
+    if (w->grad)
+        map_weights(m, groups, x->value, y->grad, w->grad);
+    if (b && b->grad)
+        lf_block_sums(groups, ry, m->out, y->grad, b->grad);
+    if (point && point->grad)
+        add_blocks(m, ry, y->grad, point->grad, false);
+}
+
+lf_tensor *lf_blocks_map(lf_tape *tape, const lf_blocks *blocks, const lf_so2_map *layer,
+                         lf_tensor *x, lf_tensor *point)
+{
+    const long planes = lf_types_planes(&blocks->types), groups = x->dim[0];
+    lf_tensor *w = lf_param(tape, layer->weight);
+    lf_tensor *b = layer->bias ? lf_param(tape, layer->bias) : NULL;
+    LF_REQUIRE(x->rank == 4 && w->dim[0] == planes && x->dim[2] == planes * w->dim[1],
+               "lf_blocks_map: %ld numbers, w of %ld planes", x->dim[2], w->dim[0]);
+    map *m = lf_alloc(tape, sizeof *m);
+    *m = (map){blocks->types, w->dim[1], w->dim[2], blocks->blocks,
+               groups == blocks->groups ? blocks->first : NULL};
+    const long n = planes * m->out;
+    LF_REQUIRE(!point || (point->size == blocks->blocks * n * W && groups == blocks->groups),
+               "lf_blocks_map: point of %ld for %ld groups", point ? point->size : 0, groups);
+    lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(groups, 1, n, W));
+    for (long g = 0; g < groups; g++)
+        map_group(m, w->value, b ? b->value : NULL, false, x->value + g * x->dim[2] * W,
+                  y->value + g * n * W);
+    if (point)
+        add_blocks(m, n * W, y->value, point->value, true);
+    lf_record(tape, "blocks_map", map_backward, m, LF_IN(x, w, b, point), LF_OUT(y));
+    return y;
+}
