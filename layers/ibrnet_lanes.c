@@ -7,6 +7,7 @@
  * Degenerate  lanes beyond the last point are 0 and get no gradient.
  */
 #include "layers/ibrnet.h"
+#include "layers/lanes_math.h"
 
 /* ---- which rows there are ----------------------------------------------------------------------
  */
@@ -60,17 +61,53 @@ static lf_tensor *lowest_of(lf_tape *tape, const lf_lanes *lanes, const lf_real 
     return lowest;
 }
 
+/* Channels [i, i + LF_LANES) of the points of a full row. */
+LF_INLINE void turn(long i, const lf_real *x, long step, lf_real *to)
+{
+    lf_vec v[LF_LANES];
+    for (int l = 0; l < LF_LANES; l++)
+        v[l] = lf_vec_load(x + l * step + i);
+    lf_vec_transpose(v);
+    for (int l = 0; l < LF_LANES; l++)
+        lf_vec_store(to + (i + l) * LF_LANES, v[l]);
+}
+
 /* Copy c numbers of each point of one row's view into lanes; zeros beyond the last point. */
 static void gather(const lf_lanes *lanes, long block, long view, long c, const lf_real *x,
-                   lf_real *restrict to)
+                   lf_real *to)
 {
     const long count = lanes_of_block(lanes, block), step = lanes->views * c;
     x += (block * LF_LANES * lanes->views + view) * c;
+    if (count == LF_LANES && c >= LF_LANES) {
+        for (long i = 0; i < c; i += LF_LANES)
+            turn(i + LF_LANES <= c ? i : c - LF_LANES, x, step, to);
+        return;
+    }
     if (count < LF_LANES)
         memset(to, 0, (size_t)(c * LF_LANES) * sizeof *to);
     for (long l = 0; l < count; l++)
         for (long i = 0; i < c; i++)
             to[i * LF_LANES + l] = x[l * step + i];
+}
+
+/* The other way: add the c numbers of lanes to those of each point. */
+static void scatter_add(const lf_lanes *lanes, long block, long view, long c, const lf_real *from,
+                        lf_real *x)
+{
+    const long count = lanes_of_block(lanes, block), step = lanes->views * c;
+    x += (block * LF_LANES * lanes->views + view) * c;
+    long i = 0;
+    for (; count == LF_LANES && i + LF_LANES <= c; i += LF_LANES) {
+        lf_vec v[LF_LANES];
+        for (int l = 0; l < LF_LANES; l++)
+            v[l] = lf_vec_load(from + (i + l) * LF_LANES);
+        lf_vec_transpose(v);
+        for (int l = 0; l < LF_LANES; l++)
+            lf_vec_store(x + l * step + i, lf_vec_load(x + l * step + i) + v[l]);
+    }
+    for (; i < c; i++)
+        for (long l = 0; l < count; l++)
+            x[l * step + i] += from[i * LF_LANES + l];
 }
 
 lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *difference)
@@ -84,12 +121,11 @@ lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *di
     find_rows(tape, &lanes, mask->value);
     lf_tensor *seen = lf_tensor_new(tape, 3, LF_DIMS(lanes.rows, 1, LF_LANES));
     lf_tensor *turned = lf_tensor_new(tape, 3, LF_DIMS(lanes.rows, 4, LF_LANES));
-    for (long b = 0; b < lanes.blocks; b++)
-        for (long r = lanes.first[b]; r < lanes.first[b + 1]; r++) {
-            const long view = lanes.view[r];
-            gather(&lanes, b, view, 1, mask->value, seen->value + r * LF_LANES);
-            gather(&lanes, b, view, 4, difference->value, turned->value + r * 4 * LF_LANES);
-        }
+    for (long r = 0; r < lanes.rows; r++) {
+        const long block = lanes.block[r], view = lanes.view[r];
+        gather(&lanes, block, view, 1, mask->value, seen->value + r * LF_LANES);
+        gather(&lanes, block, view, 4, difference->value, turned->value + r * 4 * LF_LANES);
+    }
     lanes.mask = seen;
     lanes.difference = turned;
     lanes.lowest = lowest_of(tape, &lanes, difference->value);
@@ -110,17 +146,12 @@ static void add_rows_backward(const lf_node *node)
 {
     const lf_lanes *lanes = node->saved;
     lf_tensor *x = node->in[0], *y = node->in[1];
-    const long c = lf_cols(x), views = lanes->views;
+    const long c = lf_cols(x);
     const lf_real *dz = node->out[0]->grad;
     for (long i = 0; y && y->grad && i < y->size; i++)
         y->grad[i] += dz[i];
-    for (long b = 0; x->grad && b < lanes->blocks; b++)
-        for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
-            for (long l = 0; l < lanes_of_block(lanes, b); l++) {
-                lf_real *to = x->grad + ((b * LF_LANES + l) * views + lanes->view[r]) * c;
-                for (long i = 0; i < c; i++)
-                    to[i] += dz[(r * c + i) * LF_LANES + l];
-            }
+    for (long r = 0; x->grad && r < lanes->rows; r++)
+        scatter_add(lanes, lanes->block[r], lanes->view[r], c, dz + r * c * LF_LANES, x->grad);
 }
 
 lf_tensor *lf_lanes_add_rows(lf_tape *tape, lf_tensor *x, lf_tensor *y, const lf_lanes *lanes)
@@ -131,9 +162,8 @@ lf_tensor *lf_lanes_add_rows(lf_tape *tape, lf_tensor *x, lf_tensor *y, const lf
                "lf_lanes_add_rows: %ld rows of %ld for %ld points of %ld views, %ld lanes",
                lf_rows(x), c, lanes->points, lanes->views, y ? y->size : -1);
     lf_tensor *z = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, c, LF_LANES));
-    for (long b = 0; b < lanes->blocks; b++)
-        for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
-            gather(lanes, b, lanes->view[r], c, x->value, z->value + r * c * LF_LANES);
+    for (long r = 0; r < lanes->rows; r++)
+        gather(lanes, lanes->block[r], lanes->view[r], c, x->value, z->value + r * c * LF_LANES);
     for (long i = 0; y && i < z->size; i++)
         z->value[i] += y->value[i];
     lf_record(tape, "lanes_add_rows", add_rows_backward, lf_lanes_keep(tape, lanes), LF_IN(x, y),

@@ -63,30 +63,27 @@ static void offset_gradients(const lf_node *node, long first, long rows)
         add(size, y->grad + r * size, p->grad + t->lanes->block[r] * size);
 }
 
-/* w [Ci, Co] transposed, and dx of the parts that want one. */
-static void set_parts(const lf_node *node, lf_lanes_product *job, int *count)
+/* The products dz w^T of the parts that want a gradient. */
+static int parts_back(const lf_node *node, lf_lanes_product *job)
 {
     const lf_tensor *w = node->in[W], *y = node->out[0];
-    const long in = w->dim[0], out = w->dim[1];
-    lf_real *turned = lf_alloc_reals(node->tape, in * out);
-    for (long i = 0; i < in; i++)
-        for (long o = 0; o < out; o++)
-            turned[o * in + i] = w->value[i * out + o];
     long from = 0;
-    *count = 0;
+    int count = 0;
     for (int k = PARTS; k < node->n_in; k++) {
         const lf_tensor *x = node->in[k];
         if (x->grad)
-            job[(*count)++] = (lf_lanes_product){.parts = 1,
-                                                 .x = {y->grad},
-                                                 .c = {out},
-                                                 .w = turned + from,
-                                                 .step = in,
-                                                 .y = x->grad,
-                                                 .out = x->dim[1],
-                                                 .accumulate = true};
+            job[count++] = (lf_lanes_product){.parts = 1,
+                                              .x = {y->grad},
+                                              .c = {w->dim[1]},
+                                              .w = w->value + from * w->dim[1],
+                                              .step = w->dim[1],
+                                              .turned = true,
+                                              .y = x->grad,
+                                              .out = x->dim[1],
+                                              .accumulate = true};
         from += x->dim[1];
     }
+    return count;
 }
 
 static void backward(const lf_node *node)
@@ -95,8 +92,7 @@ static void backward(const lf_node *node)
     const lf_tensor *w = node->in[W], *bias = node->in[BIAS], *y = node->out[0];
     const long out = w->dim[1], size = out * LF_LANES;
     lf_lanes_product job[LF_LANES_PARTS];
-    int count;
-    set_parts(node, job, &count);
+    const int count = parts_back(node, job);
     for (long r = 0, rows; r < y->dim[0]; r += rows) {
         rows = next_rows(y->dim[0] - r);
         if (t->act == LF_ELU)

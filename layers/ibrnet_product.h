@@ -12,8 +12,9 @@ typedef struct lf_lanes_product {
     int parts;
     const lf_real *x[LF_LANES_PARTS]; /* [R, c, L] each */
     long c[LF_LANES_PARTS];
-    const lf_real *w; /* [sum of c, step], of which the first `out` columns count */
+    const lf_real *w; /* [sum of c, step], of which the first `out` columns count, */
     long step;
+    bool turned;         /* or its transpose, [out, step] */
     const lf_real *bias; /* [out] or NULL */
     lf_real *y;          /* [R, out, L] */
     long out;

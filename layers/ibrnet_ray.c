@@ -74,7 +74,7 @@ static void softmax(long n, long wide, lf_real *a)
         a[j] = 0;
     for (long j = 0; j < wide; j += LF_LANES)
         sum += at(a + j);
-    const lf_real share = 1 / lf_vec_sum(sum); /* of >= 1: the largest term is exp(0) */
+    const lf_real share = 1 / lf_vec_total(sum); /* of >= 1: the largest term is exp(0) */
     for (long j = 0; j < wide; j += LF_LANES)
         put(a + j, at(a + j) * share);
 }
@@ -106,7 +106,7 @@ static void forward_ray(const attention *t, long ray, lf_tensor *const *in, lf_r
                 lf_vec sum = {0};
                 for (long j = 0; j < t->wide; j += LF_LANES)
                     sum += at(a + j) * at(v + (h * n + c) * t->wide + j);
-                y[place + c] = lf_vec_sum(sum);
+                y[place + c] = lf_vec_total(sum);
             }
         }
 }
@@ -131,7 +131,7 @@ static lf_real values_back(const attention *t, long head, const lf_real *a, cons
             put(dv, at(dv) + weight * dy[c]);
         }
     }
-    return lf_vec_sum(pull);
+    return lf_vec_total(pull);
 }
 
 /* dq += sum_j dl_j k_j, dk_j += dl_j q, dl = a (da - pull) scale. */
@@ -150,7 +150,7 @@ static void keys_back(const attention *t, long head, const lf_real *a, lf_real p
             put(m->dk + place, at(m->dk + place) + dl * q[c]);
         }
         if (dq)
-            dq[c] += lf_vec_sum(sum);
+            dq[c] += lf_vec_total(sum);
     }
 }
 

@@ -95,7 +95,7 @@ static void weights_backward(const lf_node *node)
         }
         ds += turn / sum;
     }
-    s->grad[0] += s->value[0] < 0 ? -lf_vec_sum(ds) : lf_vec_sum(ds);
+    s->grad[0] += s->value[0] < 0 ? -lf_vec_total(ds) : lf_vec_total(ds);
 }
 
 lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes)

@@ -1,4 +1,4 @@
-/* lanes_math.h: exp, expm1, sigmoid and ELU of one machine vector, branch-free.
+/* lanes_math.h: exp, sigmoid and ELU of one machine vector, branch-free; sums across its lanes.
  *
  *   exp(x) = 2^n e^r,  n = round(x / ln 2),  r = x - n ln 2 in two parts, |r| <= 0.35;  e^r - 1 by
  *   its series to r^7 (float) or r^13 (double)
@@ -104,6 +104,79 @@ LF_INLINE lf_vec lf_vec_elu(lf_vec x)
     const lf_vec low = lf_vec_max(lf_vec_min(x, zero), lf_vec_all(-LF_WIDE_MOST));
     const lf_vec scale = lf_vec_exp_parts(low, &rest);
     return lf_vec_max(x, zero) + (scale * rest + (scale - 1));
+}
+
+/* ---- across lanes -----------------------------------------------------------------------------
+ */
+
+#if defined(LF_DOUBLE) && LF_VEC_BYTES == 64 || !defined(LF_DOUBLE) && LF_VEC_BYTES == 32
+#define LF_VEC_COUNT                                                                               \
+    {                                                                                              \
+        0, 1, 2, 3, 4, 5, 6, 7                                                                     \
+    }
+#elif LF_VEC_BYTES == 64
+#define LF_VEC_COUNT                                                                               \
+    {                                                                                              \
+        0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15                                       \
+    }
+#elif defined(LF_DOUBLE) && LF_VEC_BYTES == 16
+#define LF_VEC_COUNT                                                                               \
+    {                                                                                              \
+        0, 1                                                                                       \
+    }
+#else
+#define LF_VEC_COUNT                                                                               \
+    {                                                                                              \
+        0, 1, 2, 3                                                                                 \
+    }
+#endif
+
+/* One step of adding lanes up: lane p of the result is a[p] + a[p ^ h] where p & h is 0, else b[p]
+ * + b[p ^ h]. */
+LF_INLINE lf_vec lf_vec_fold_pair(lf_vec a, lf_vec b, const int h)
+{
+    const lf_vec_bits p = LF_VEC_COUNT, second = (p & h) * (LF_LANES / h); /* LF_LANES: take b's */
+    const lf_vec there = __builtin_shuffle(a, b, p + second);
+    const lf_vec other = __builtin_shuffle(b, a, p + second);
+    return there + __builtin_shuffle(other, p ^ h);
+}
+
+/* Lane p becomes the sum of all lanes of v[p]; v is overwritten. */
+LF_INLINE lf_vec lf_vec_fold(lf_vec v[LF_LANES])
+{
+#pragma GCC unroll 4
+    for (int h = LF_LANES / 2; h > 0; h /= 2)
+#pragma GCC unroll 8
+        for (int i = 0; i < h; i++)
+            v[i] = lf_vec_fold_pair(v[i], v[i + h], h);
+    return v[0];
+}
+
+/* The sum of all lanes. */
+LF_INLINE lf_real lf_vec_total(lf_vec v)
+{
+    const lf_vec_bits p = LF_VEC_COUNT;
+#pragma GCC unroll 4
+    for (int h = LF_LANES / 2; h > 0; h /= 2)
+        v += __builtin_shuffle(v, p ^ h);
+    return v[0];
+}
+
+/* Transpose LF_LANES vectors in place. */
+LF_INLINE void lf_vec_transpose(lf_vec v[LF_LANES])
+{
+    const lf_vec_bits p = LF_VEC_COUNT;
+#pragma GCC unroll 4
+    for (int h = LF_LANES / 2; h > 0; h /= 2)
+#pragma GCC unroll 16
+        for (int i = 0; i < LF_LANES; i++) {
+            if (i & h)
+                continue;
+            const lf_vec a = v[i], b = v[i | h];
+            const lf_vec_bits second = (p & h) * (LF_LANES / h);
+            v[i] = __builtin_shuffle(a, b, (p & ~h) + second);
+            v[i | h] = __builtin_shuffle(a, b, (p | h) + second);
+        }
 }
 
 #endif
