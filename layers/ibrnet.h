@@ -1,9 +1,9 @@
 /* ibrnet.h: IBRNet's aggregation over source views and its attention along a ray, as ops.
  *                                                                        [method.md 5b.1, 5c]
- * Its maps are small (4 .. 105 numbers a row) and its rows many, so features lie in lanes: LF_WIDE
+ * Its maps are small (4 .. 105 numbers a row) and its rows many, so features lie in lanes: LF_LANES
  * points side by side,
  *
- *   x [R, C, L]    R rows, C channels, L = LF_WIDE points
+ *   x [R, C, L]    R rows, C channels, L = LF_LANES points
  *
  * A block is L adjacent points (of the N S points in order; the last block may have lanes beyond
  * the last point). A row is one block as one view sees it; views that see no point of a block have
@@ -15,14 +15,14 @@
 #ifndef LF_LAYERS_IBRNET_H
 #define LF_LAYERS_IBRNET_H
 
-#include "autograd/kernels/wide.h"
+#include "autograd/kernels/vector.h"
 #include "layers/light_field.h"
 
 /* Which view of which block a row is, and what is known of it without gradient. */
 typedef struct lf_lanes {
     long rays, samples, views, points, blocks, rows;
     const long *first;           /* [B + 1] the rows of block b are first[b] .. first[b + 1] - 1 */
-    const long *view;            /* [R] */
+    const long *view, *block;    /* [R] */
     const lf_tensor *mask;       /* [R, 1, L] 1 = the view sees the point; 0 beyond the last one */
     const lf_tensor *difference; /* [R, 4, L] see models/ray_network.h */
     const lf_tensor *lowest;     /* [B, 1, L] the least inner product of all V views */
@@ -30,6 +30,9 @@ typedef struct lf_lanes {
 
 /* mask and difference are [N, S, V] and [N, S, V, 4]; every difference must be finite. */
 lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *difference);
+
+/* A copy on the tape, for an op to keep. */
+lf_lanes *lf_lanes_keep(lf_tape *tape, const lf_lanes *lanes);
 
 /* ---- rows to lanes and back ------------------------------------------------------------------ */
 
@@ -43,8 +46,8 @@ lf_tensor *lf_lanes_to_rows(lf_tape *tape, lf_tensor *x, const lf_lanes *lanes);
 enum { LF_LANES_PARTS = 3 };
 
 /* y = act(x w + b + p): x the channels of all parts [R, Ci, L] one after the other, w [sum of Ci,
- * Co], b [Co] or NULL, p [B, Co, L] or NULL (the share of the map that is the same for all views)
- * -> [R, Co, L]. act is LF_IDENTITY or LF_ELU. Maps of points ask for p = NULL. */
+ * Co], b [Co] or p [B, Co, L] (the share of the map that is the same for all views of a point), the
+ * other or both NULL -> [R, Co, L]. act is LF_IDENTITY or LF_ELU. Maps of points have no p. */
 lf_tensor *lf_lanes_linear(lf_tape *tape, int parts, lf_tensor *const *x, lf_tensor *w,
                            lf_tensor *b, lf_tensor *p, const lf_lanes *lanes, lf_activation act);
 

@@ -12,6 +12,7 @@
  * Keeps       a; h and the deviation's inverse.
  */
 #include "layers/ibrnet.h"
+#include "layers/lanes_math.h"
 
 typedef struct attention {
     long rays, samples, wide, d; /* wide: S' */
@@ -37,20 +38,20 @@ static void turn_back(const attention *t, const lf_real *turned, lf_real *x)
             x[j * t->d + c] += turned[c * t->wide + j];
 }
 
-LF_INLINE lf_wide at(const lf_real *x)
+LF_INLINE lf_vec at(const lf_real *x)
 {
-    return lf_wide_load(x, LF_WIDE);
+    return lf_vec_load(x);
 }
 
-LF_INLINE void put(lf_real *x, lf_wide v)
+LF_INLINE void put(lf_real *x, lf_vec v)
 {
-    lf_wide_store(x, LF_WIDE, v);
+    lf_vec_store(x, v);
 }
 
-/* sum_c number[c] x[c, j] for LF_WIDE keys from j on. */
-LF_INLINE lf_wide mix(long n, const lf_real *number, const lf_real *x, long step)
+/* sum_c number[c] x[c, j] for LF_LANES keys from j on. */
+LF_INLINE lf_vec mix(long n, const lf_real *number, const lf_real *x, long step)
 {
-    lf_wide sum = {0};
+    lf_vec sum = {0};
     for (long c = 0; c < n; c++)
         sum += number[c] * at(x + c * step);
     return sum;
@@ -59,17 +60,23 @@ LF_INLINE lf_wide mix(long n, const lf_real *number, const lf_real *x, long step
 /* Softmax of the first n of `wide` logits, in place; the rest become 0. */
 static void softmax(long n, long wide, lf_real *a)
 {
-    lf_real most = a[0], sum = 0;
-    for (long j = 1; j < n; j++)
-        most = a[j] > most || isnan(a[j]) ? a[j] : most;
-    for (long j = 0; j < wide; j += LF_WIDE)
-        put(a + j, lf_wide_exp(at(a + j) - most));
+    lf_vec most = lf_vec_all(-INFINITY), sum = {0};
+    for (long j = n; j < wide; j++)
+        a[j] = -INFINITY;
+    for (long j = 0; j < wide; j += LF_LANES)
+        most = lf_vec_max(most, at(a + j));
+    lf_real largest = most[0];
+    for (int l = 1; l < LF_LANES; l++)
+        largest = most[l] > largest ? most[l] : largest;
+    for (long j = 0; j < wide; j += LF_LANES)
+        put(a + j, lf_vec_exp(at(a + j) - largest));
     for (long j = n; j < wide; j++)
         a[j] = 0;
-    for (long j = 0; j < n; j++)
-        sum += a[j];
-    for (long j = 0; j < wide; j++)
-        a[j] /= sum; /* >= 1: the largest term is exp(0) */
+    for (long j = 0; j < wide; j += LF_LANES)
+        sum += at(a + j);
+    const lf_real share = 1 / lf_vec_total(sum); /* of >= 1: the largest term is exp(0) */
+    for (long j = 0; j < wide; j += LF_LANES)
+        put(a + j, at(a + j) * share);
 }
 
 /* Weights of query i: of one head. */
@@ -78,7 +85,7 @@ static void weigh(const attention *t, bool masked, const lf_real *q, const lf_re
     if (masked)
         memset(a, 0, (size_t)t->wide * sizeof *a);
     else
-        for (long j = 0; j < t->wide; j += LF_WIDE)
+        for (long j = 0; j < t->wide; j += LF_LANES)
             put(a + j, mix(t->d / t->heads, q, k + j, t->wide) * t->scale);
     softmax(t->samples, t->wide, a);
 }
@@ -96,10 +103,10 @@ static void forward_ray(const attention *t, long ray, lf_tensor *const *in, lf_r
             weigh(t, t->count[first + i] < LF_KEY_VIEWS, in[0]->value + place, k + h * n * t->wide,
                   a);
             for (long c = 0; c < n; c++) {
-                lf_wide sum = {0};
-                for (long j = 0; j < t->wide; j += LF_WIDE)
+                lf_vec sum = {0};
+                for (long j = 0; j < t->wide; j += LF_LANES)
                     sum += at(a + j) * at(v + (h * n + c) * t->wide + j);
-                y[place + c] = lf_wide_sum(sum);
+                y[place + c] = lf_vec_total(sum);
             }
         }
 }
@@ -114,9 +121,9 @@ static lf_real values_back(const attention *t, long head, const lf_real *a, cons
                            const turned *m)
 {
     const long n = t->d / t->heads, from = head * n * t->wide;
-    lf_wide pull = {0};
-    for (long j = 0; j < t->wide; j += LF_WIDE) {
-        const lf_wide weight = at(a + j), da = mix(n, dy, m->v + from + j, t->wide);
+    lf_vec pull = {0};
+    for (long j = 0; j < t->wide; j += LF_LANES) {
+        const lf_vec weight = at(a + j), da = mix(n, dy, m->v + from + j, t->wide);
         pull += weight * da;
         put(m->da + j, da);
         for (long c = 0; c < n; c++) {
@@ -124,7 +131,7 @@ static lf_real values_back(const attention *t, long head, const lf_real *a, cons
             put(dv, at(dv) + weight * dy[c]);
         }
     }
-    return lf_wide_sum(pull);
+    return lf_vec_total(pull);
 }
 
 /* dq += sum_j dl_j k_j, dk_j += dl_j q, dl = a (da - pull) scale. */
@@ -132,18 +139,18 @@ static void keys_back(const attention *t, long head, const lf_real *a, lf_real p
                       const lf_real *q, lf_real *dq, const turned *m)
 {
     const long n = t->d / t->heads, from = head * n * t->wide;
-    for (long j = 0; j < t->wide; j += LF_WIDE)
+    for (long j = 0; j < t->wide; j += LF_LANES)
         put(m->da + j, at(a + j) * (at(m->da + j) - pull) * t->scale);
     for (long c = 0; c < n; c++) {
-        lf_wide sum = {0};
-        for (long j = 0; j < t->wide; j += LF_WIDE) {
+        lf_vec sum = {0};
+        for (long j = 0; j < t->wide; j += LF_LANES) {
             const long place = from + c * t->wide + j;
-            const lf_wide dl = at(m->da + j);
+            const lf_vec dl = at(m->da + j);
             sum += dl * at(m->k + place);
             put(m->dk + place, at(m->dk + place) + dl * q[c]);
         }
         if (dq)
-            dq[c] += lf_wide_sum(sum);
+            dq[c] += lf_vec_total(sum);
     }
 }
 
@@ -191,7 +198,7 @@ lf_tensor *lf_sample_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_ten
                q->size, k->size, value->size, count->size, heads);
     attention *t = lf_alloc(tape, sizeof *t);
     *t = (attention){q->dim[0], q->dim[1], 0, d, heads, 0, count->value, NULL};
-    t->wide = (t->samples + LF_WIDE - 1) / LF_WIDE * LF_WIDE;
+    t->wide = (t->samples + LF_LANES - 1) / LF_LANES * LF_LANES;
     t->scale = (lf_real)(1 / sqrt((double)d / heads));
     t->weight = lf_alloc_reals(tape, t->rays * heads * t->samples * t->wide);
     lf_tensor *y = lf_tensor_like(tape, q), *in[] = {q, k, value};

@@ -16,20 +16,21 @@
  * Degenerate  no view, or one: the weights by direction are 0 (then a is 0), so are their moments.
  */
 #include "layers/ibrnet.h"
+#include "layers/lanes_math.h"
 
 #define EPSILON ((lf_real)1e-8) /* of the sums of weights, as published */
 
-LF_INLINE lf_wide at(const lf_real *x, long row)
+LF_INLINE lf_vec at(const lf_real *x, long row)
 {
-    return lf_wide_load(x + row * LF_WIDE, LF_WIDE);
+    return lf_vec_load(x + row * LF_LANES);
 }
 
-LF_INLINE void put(lf_real *x, long row, lf_wide v)
+LF_INLINE void put(lf_real *x, long row, lf_vec v)
 {
-    lf_wide_store(x + row * LF_WIDE, LF_WIDE, v);
+    lf_vec_store(x + row * LF_LANES, v);
 }
 
-LF_INLINE void add(lf_real *x, long row, lf_wide v)
+LF_INLINE void add(lf_real *x, long row, lf_vec v)
 {
     put(x, row, at(x, row) + v);
 }
@@ -37,21 +38,14 @@ LF_INLINE void add(lf_real *x, long row, lf_wide v)
 static void require_rows(const char *op, const lf_tensor *x, long channels, const lf_lanes *lanes)
 {
     LF_REQUIRE(x->rank == 3 && x->dim[0] == lanes->rows && x->dim[1] == channels &&
-                   x->dim[2] == LF_WIDE,
+                   x->dim[2] == LF_LANES,
                "%s: %ld numbers for %ld rows of %ld channels", op, x->size, lanes->rows, channels);
-}
-
-static lf_lanes *kept(lf_tape *tape, const lf_lanes *lanes)
-{
-    lf_lanes *copy = lf_alloc(tape, sizeof *copy);
-    *copy = *lanes;
-    return copy;
 }
 
 /* w = a / (sum over the views of a + epsilon), the rows [first, last); in place or not. */
 static void normalise(long first, long last, const lf_real *a, lf_real *w)
 {
-    lf_wide sum = lf_wide_all(EPSILON);
+    lf_vec sum = lf_vec_all(EPSILON);
     for (long r = first; r < last; r++)
         sum += at(a, r);
     for (long r = first; r < last; r++)
@@ -59,9 +53,9 @@ static void normalise(long first, long last, const lf_real *a, lf_real *w)
 }
 
 /* sum over the rows of a b */
-static lf_wide inner(long first, long last, const lf_real *a, const lf_real *b)
+static lf_vec inner(long first, long last, const lf_real *a, const lf_real *b)
 {
-    lf_wide sum = {0};
+    lf_vec sum = {0};
     for (long r = first; r < last; r++)
         sum += at(a, r) * at(b, r);
     return sum;
@@ -71,12 +65,12 @@ static lf_wide inner(long first, long last, const lf_real *a, const lf_real *b)
  */
 
 /* dot - 1 of a row, and of the least of its block's views. */
-LF_INLINE lf_wide behind(const lf_lanes *lanes, long row)
+LF_INLINE lf_vec behind(const lf_lanes *lanes, long row)
 {
     return at(lanes->difference->value, 4 * row + 3) - 1;
 }
 
-LF_INLINE lf_wide furthest(const lf_lanes *lanes, long block)
+LF_INLINE lf_vec furthest(const lf_lanes *lanes, long block)
 {
     return at(lanes->lowest->value, block) - 1;
 }
@@ -87,36 +81,37 @@ static void weights_backward(const lf_node *node)
     lf_tensor *s = node->in[0];
     const lf_real *w = node->out[0]->value, *dw = node->out[0]->grad;
     const lf_real size = LF_FABS(s->value[0]);
-    lf_wide ds = {0};
+    lf_vec ds = {0};
     for (long b = 0; b < lanes->blocks; b++) {
         const long first = lanes->first[b], last = lanes->first[b + 1];
-        const lf_wide least = furthest(lanes, b), floor = lf_wide_exp(size * least);
-        const lf_wide pull = inner(first, last, w, dw);
-        lf_wide sum = lf_wide_all(EPSILON), turn = {0};
+        const lf_vec least = furthest(lanes, b), floor = lf_vec_exp(size * least);
+        const lf_vec pull = inner(first, last, w, dw);
+        lf_vec sum = lf_vec_all(EPSILON), turn = {0};
         for (long r = first; r < last; r++) {
-            const lf_wide dot = behind(lanes, r), e = lf_wide_exp(size * dot);
-            const lf_wide mask = at(lanes->mask->value, r);
+            const lf_vec dot = behind(lanes, r), e = lf_vec_exp(size * dot);
+            const lf_vec mask = at(lanes->mask->value, r);
             sum += mask * (e - floor);
             turn += (at(dw, r) - pull) * mask * (e * dot - floor * least);
         }
         ds += turn / sum;
     }
-    s->grad[0] += s->value[0] < 0 ? -lf_wide_sum(ds) : lf_wide_sum(ds);
+    s->grad[0] += s->value[0] < 0 ? -lf_vec_total(ds) : lf_vec_total(ds);
 }
 
 lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes)
 {
     LF_REQUIRE(s->size == 1, "lf_ibrnet_weights: s of %ld", s->size);
-    lf_tensor *w = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, 1, LF_WIDE));
+    lf_tensor *w = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, 1, LF_LANES));
     const lf_real size = LF_FABS(s->value[0]);
     for (long b = 0; b < lanes->blocks; b++) {
-        const lf_wide floor = lf_wide_exp(size * furthest(lanes, b));
+        const lf_vec floor = lf_vec_exp(size * furthest(lanes, b));
         for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
             put(w->value, r,
-                at(lanes->mask->value, r) * (lf_wide_exp(size * behind(lanes, r)) - floor));
+                at(lanes->mask->value, r) * (lf_vec_exp(size * behind(lanes, r)) - floor));
         normalise(lanes->first[b], lanes->first[b + 1], w->value, w->value);
     }
-    lf_record(tape, "ibrnet_weights", weights_backward, kept(tape, lanes), LF_IN(s), LF_OUT(w));
+    lf_record(tape, "ibrnet_weights", weights_backward, lf_lanes_keep(tape, lanes), LF_IN(s),
+              LF_OUT(w));
     return w;
 }
 
@@ -132,13 +127,13 @@ static void moments_block(const moments *t, long b, const lf_tensor *x, const lf
                           lf_tensor *y)
 {
     const long first = t->lanes.first[b], last = t->lanes.first[b + 1], d = x->dim[1];
-    lf_real *to = y->value + b * y->dim[1] * LF_WIDE;
+    lf_real *to = y->value + b * y->dim[1] * LF_LANES;
     for (long c = 0; c < d; c++) {
-        lf_wide mean = {0}, variance = {0};
+        lf_vec mean = {0}, variance = {0};
         for (long r = first; r < last; r++)
             mean += at(w, r) * at(x->value, r * d + c);
         for (long r = first; r < last; r++) {
-            const lf_wide from_mean = at(x->value, r * d + c) - mean;
+            const lf_vec from_mean = at(x->value, r * d + c) - mean;
             variance += at(w, r) * from_mean * from_mean;
         }
         put(to, c, mean);
@@ -146,7 +141,7 @@ static void moments_block(const moments *t, long b, const lf_tensor *x, const lf
     }
     if (!t->mean_weight)
         return;
-    lf_wide sum = {0};
+    lf_vec sum = {0};
     for (long r = first; r < last; r++)
         sum += at(w, r);
     put(to, 2 * d, sum / (lf_real)t->lanes.views);
@@ -157,19 +152,19 @@ static void moments_back(const moments *t, long b, const lf_tensor *x, const lf_
                          const lf_tensor *y)
 {
     const long first = t->lanes.first[b], last = t->lanes.first[b + 1], d = x->dim[1];
-    const lf_real *mean = y->value + b * y->dim[1] * LF_WIDE;
-    const lf_real *dy = y->grad + b * y->dim[1] * LF_WIDE;
-    lf_wide rest = lf_wide_all(1), share = {0};
+    const lf_real *mean = y->value + b * y->dim[1] * LF_LANES;
+    const lf_real *dy = y->grad + b * y->dim[1] * LF_LANES;
+    lf_vec rest = lf_vec_all(1), share = {0};
     for (long r = first; r < last; r++)
         rest -= at(w->value, r);
     if (t->mean_weight)
         share = at(dy, 2 * d) / (lf_real)t->lanes.views;
     for (long r = first; r < last; r++) {
-        const lf_wide weight = at(w->value, r);
-        lf_wide dw = share;
+        const lf_vec weight = at(w->value, r);
+        lf_vec dw = share;
         for (long c = 0; c < d; c++) {
-            const lf_wide m = at(mean, c), value = at(x->value, r * d + c), h = value - m;
-            const lf_wide dvariance = at(dy, d + c), g = at(dy, c) - 2 * dvariance * m * rest;
+            const lf_vec m = at(mean, c), value = at(x->value, r * d + c), h = value - m;
+            const lf_vec dvariance = at(dy, d + c), g = at(dy, c) - 2 * dvariance * m * rest;
             dw += value * g + h * h * dvariance;
             if (x->grad)
                 add(x->grad, r * d + c, weight * (g + 2 * dvariance * h));
@@ -192,7 +187,7 @@ lf_tensor *lf_ibrnet_moments(lf_tape *tape, lf_tensor *x, lf_tensor *w, const lf
     require_rows("lf_ibrnet_moments: x", x, x->dim[1], lanes);
     require_rows("lf_ibrnet_moments: w", w, 1, lanes);
     const long d = x->dim[1];
-    lf_tensor *y = lf_tensor_new(tape, 3, LF_DIMS(lanes->blocks, 2 * d + mean_weight, LF_WIDE));
+    lf_tensor *y = lf_tensor_new(tape, 3, LF_DIMS(lanes->blocks, 2 * d + mean_weight, LF_LANES));
     moments *t = lf_alloc(tape, sizeof *t);
     *t = (moments){*lanes, mean_weight};
     for (long b = 0; b < lanes->blocks; b++)
@@ -210,11 +205,11 @@ static void residual_backward(const lf_node *node)
     const lf_tensor *x = node->in[0], *r = node->in[1], *z = node->out[0], *y = node->out[1];
     const long d = x->dim[1];
     for (long row = 0; row < x->dim[0]; row++) {
-        const lf_wide seen = at(mask, row), s = lf_wide_sigmoid(at(r->value, row * (d + 1) + d));
-        lf_wide sum = {0};
+        const lf_vec seen = at(mask, row), s = lf_vec_sigmoid(at(r->value, row * (d + 1) + d));
+        lf_vec sum = {0};
         for (long c = 0; c < d; c++) {
-            const lf_wide dy = at(y->grad, row * d + c);
-            const lf_wide dz = at(z->grad, row * d + c) + seen * s * dy;
+            const lf_vec dy = at(y->grad, row * d + c);
+            const lf_vec dz = at(z->grad, row * d + c) + seen * s * dy;
             sum += dy * at(z->value, row * d + c);
             if (x->grad)
                 add(x->grad, row * d + c, dz);
@@ -234,10 +229,10 @@ lf_ibrnet_residual lf_ibrnet_residual_apply(lf_tape *tape, lf_tensor *x, lf_tens
     require_rows("lf_ibrnet_residual_apply: r", r, d + 1, lanes);
     lf_ibrnet_residual out = {lf_tensor_like(tape, x), lf_tensor_like(tape, x)};
     for (long row = 0; row < lanes->rows; row++) {
-        const lf_wide seen =
-            at(lanes->mask->value, row) * lf_wide_sigmoid(at(r->value, row * (d + 1) + d));
+        const lf_vec seen =
+            at(lanes->mask->value, row) * lf_vec_sigmoid(at(r->value, row * (d + 1) + d));
         for (long c = 0; c < d; c++) {
-            const lf_wide z = at(x->value, row * d + c) + at(r->value, row * (d + 1) + c);
+            const lf_vec z = at(x->value, row * d + c) + at(r->value, row * (d + 1) + c);
             put(out.x->value, row * d + c, z);
             put(out.visible->value, row * d + c, seen * z);
         }
@@ -256,12 +251,12 @@ static void visibility_backward(const lf_node *node)
     const lf_tensor *t = node->in[0], *u = node->out[0], *w = node->out[1];
     for (long b = 0; b < lanes->blocks; b++) {
         const long first = lanes->first[b], last = lanes->first[b + 1];
-        const lf_wide pull = inner(first, last, w->value, w->grad);
-        lf_wide sum = lf_wide_all(EPSILON);
+        const lf_vec pull = inner(first, last, w->value, w->grad);
+        lf_vec sum = lf_vec_all(EPSILON);
         for (long r = first; r < last; r++)
             sum += at(u->value, r);
         for (long r = first; r < last; r++) {
-            const lf_wide s = at(u->value, r); /* 0 where masked */
+            const lf_vec s = at(u->value, r); /* 0 where masked */
             add(t->grad, r, (at(u->grad, r) + (at(w->grad, r) - pull) / sum) * s * (1 - s));
         }
     }
@@ -272,10 +267,10 @@ lf_ibrnet_visibility lf_ibrnet_visibility_apply(lf_tape *tape, lf_tensor *t, con
     require_rows("lf_ibrnet_visibility_apply: t", t, 1, lanes);
     lf_ibrnet_visibility out = {lf_tensor_like(tape, t), lf_tensor_like(tape, t)};
     for (long r = 0; r < lanes->rows; r++)
-        put(out.visibility->value, r, at(lanes->mask->value, r) * lf_wide_sigmoid(at(t->value, r)));
+        put(out.visibility->value, r, at(lanes->mask->value, r) * lf_vec_sigmoid(at(t->value, r)));
     for (long b = 0; b < lanes->blocks; b++)
         normalise(lanes->first[b], lanes->first[b + 1], out.visibility->value, out.weight->value);
-    lf_record(tape, "ibrnet_visibility", visibility_backward, kept(tape, lanes), LF_IN(t),
+    lf_record(tape, "ibrnet_visibility", visibility_backward, lf_lanes_keep(tape, lanes), LF_IN(t),
               LF_OUT(out.visibility, out.weight));
     return out;
 }
@@ -291,18 +286,18 @@ typedef struct colours {
 static void softmax_views(const lf_lanes *lanes, long b, const lf_real *t, lf_real *p)
 {
     const long first = lanes->first[b], last = lanes->first[b + 1];
-    const lf_wide none = lf_wide_all(-INFINITY);
-    lf_wide most = none, sum = {0};
+    const lf_vec none = lf_vec_all(-INFINITY);
+    lf_vec most = none, sum = {0};
     for (long r = first; r < last; r++) {
-        const lf_wide x = lf_wide_where_positive(at(lanes->mask->value, r), at(t, r), none);
-        most = lf_wide_where_positive(most - x, most, x); /* a NaN wins */
+        const lf_vec x = lf_vec_select(at(lanes->mask->value, r) > 0, at(t, r), none);
+        most = lf_vec_select(most > x, most, x); /* a NaN wins */
     }
     for (long r = first; r < last; r++) {
-        const lf_wide e = lf_wide_exp(at(t, r) - most), zero = {0};
-        put(p, r, lf_wide_where_positive(at(lanes->mask->value, r), e, zero));
+        const lf_vec e = lf_vec_exp(at(t, r) - most), zero = {0};
+        put(p, r, lf_vec_select(at(lanes->mask->value, r) > 0, e, zero));
         sum += at(p, r);
     }
-    sum = lf_wide_where_positive(sum, sum, lf_wide_all(1)); /* else >= 1 */
+    sum = lf_vec_select(sum == 0, lf_vec_all(1), sum); /* else >= 1 */
     for (long r = first; r < last; r++)
         put(p, r, at(p, r) / sum);
 }
@@ -310,7 +305,7 @@ static void softmax_views(const lf_lanes *lanes, long b, const lf_real *t, lf_re
 /* For each point l of row r that its view sees: its features, colours first. */
 static long features_of(const lf_lanes *lanes, long b, long r, long l, long c)
 {
-    return ((b * LF_WIDE + l) * lanes->views + lanes->view[r]) * c;
+    return ((b * LF_LANES + l) * lanes->views + lanes->view[r]) * c;
 }
 
 static void colour_backward(const lf_node *node)
@@ -323,16 +318,16 @@ static void colour_backward(const lf_node *node)
     for (long b = 0; b < lanes->blocks; b++) {
         const long first = lanes->first[b], last = lanes->first[b + 1];
         for (long r = first; r < last; r++)
-            for (long l = 0; l < LF_WIDE && b * LF_WIDE + l < lanes->points; l++) {
+            for (long l = 0; l < LF_LANES && b * LF_LANES + l < lanes->points; l++) {
                 const long from = features_of(lanes, b, r, l, lf_cols(x));
-                const lf_real *g = node->out[0]->grad + 3 * (b * LF_WIDE + l);
+                const lf_real *g = node->out[0]->grad + 3 * (b * LF_LANES + l);
                 for (int i = 0; i < 3; i++) {
-                    dp[r * LF_WIDE + l] += g[i] * x->value[from + i];
+                    dp[r * LF_LANES + l] += g[i] * x->value[from + i];
                     if (x->grad)
-                        x->grad[from + i] += g[i] * k->share[r * LF_WIDE + l];
+                        x->grad[from + i] += g[i] * k->share[r * LF_LANES + l];
                 }
             }
-        const lf_wide pull = inner(first, last, k->share, dp);
+        const lf_vec pull = inner(first, last, k->share, dp);
         for (long r = first; t->grad && r < last; r++)
             add(t->grad, r, at(k->share, r) * (at(dp, r) - pull));
     }
@@ -350,10 +345,10 @@ lf_tensor *lf_ibrnet_colour(lf_tape *tape, lf_tensor *t, lf_tensor *x, const lf_
     for (long b = 0; b < lanes->blocks; b++) {
         softmax_views(lanes, b, t->value, k->share);
         for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
-            for (long l = 0; l < LF_WIDE && b * LF_WIDE + l < lanes->points; l++)
+            for (long l = 0; l < LF_LANES && b * LF_LANES + l < lanes->points; l++)
                 for (int i = 0; i < 3; i++)
-                    y->value[3 * (b * LF_WIDE + l) + i] +=
-                        k->share[r * LF_WIDE + l] *
+                    y->value[3 * (b * LF_LANES + l) + i] +=
+                        k->share[r * LF_LANES + l] *
                         x->value[features_of(lanes, b, r, l, lf_cols(x)) + i];
     }
     lf_record(tape, "ibrnet_colour", colour_backward, k, LF_IN(t, x), LF_OUT(y));

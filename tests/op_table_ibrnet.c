@@ -6,15 +6,15 @@
 
 /* 18 points: the last block has lanes without a point in both precisions. */
 enum { N = 2, S = 9, V = 3, F = 5, POINTS = N * S };
-enum { BLOCKS = (POINTS + LF_WIDE - 1) / LF_WIDE };
+enum { BLOCKS = (POINTS + LF_LANES - 1) / LF_LANES };
 
-/* What the views see: the third nothing of the first LF_WIDE points, so that their block has two
+/* What the views see: the third nothing of the first LF_LANES points, so that their block has two
  * rows; one point is seen by none, one by one view. */
 static lf_tensor *mask_of(lf_tape *tape)
 {
     lf_tensor *mask = lf_tensor_new(tape, 3, LF_DIMS(N, S, V));
     for (long i = 0; i < mask->size; i++)
-        mask->value[i] = (lf_real)(i % 5 != 1 && (i % V != 2 || i / V >= LF_WIDE));
+        mask->value[i] = (lf_real)(i % 5 != 1 && (i % V != 2 || i / V >= LF_LANES));
     for (int v = 0; v < V; v++) {
         mask->value[2 * V + v] = 0;
         mask->value[17 * V + v] = v == 1;
@@ -55,15 +55,15 @@ static int to_rows(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tens
     return 1;
 }
 
-/* Two parts, a point's share and ELU; and a plain map of points. */
+/* Two parts, a point's share and ELU; and a plain map of points with a bias. */
 static int linear(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
     const lf_lanes lanes = lanes_of(tape);
     lf_tensor *parts[] = {rows(tape, in[0], &lanes), rows(tape, in[1], &lanes)};
-    lf_tensor *y = lf_lanes_linear(tape, 2, parts, in[2], in[3], in[4], &lanes, LF_ELU);
+    lf_tensor *y = lf_lanes_linear(tape, 2, parts, in[2], NULL, in[4], &lanes, LF_ELU);
     lf_tensor *turned = lf_reshape(tape, in[2], 2, LF_DIMS(in[2]->dim[1], in[2]->dim[0]));
-    out[0] = lf_lanes_linear(tape, 1, &in[4], turned, NULL, NULL, &lanes, LF_IDENTITY);
+    out[0] = lf_lanes_linear(tape, 1, &in[4], turned, in[3], NULL, &lanes, LF_IDENTITY);
     out[1] = y;
     return 2;
 }
@@ -185,8 +185,8 @@ static int network(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tens
 
 const op_case ibrnet_cases[] = {
     {"lanes: add_rows, scale", add_rows, {SEEN(F), SEEN(F), SEEN(1)}, 3, 0},
-    {"lanes: to_rows", to_rows, {X(BLOCKS, 4, LF_WIDE)}, 1, 0},
-    {"lanes_linear", linear, {SEEN(7), SEEN(4), X(11, 15), X(15), X(BLOCKS, 15, LF_WIDE)}, 5, 0},
+    {"lanes: to_rows", to_rows, {X(BLOCKS, 4, LF_LANES)}, 1, 0},
+    {"lanes_linear", linear, {SEEN(7), SEEN(4), X(11, 15), X(11), X(BLOCKS, 15, LF_LANES)}, 5, 0},
     {"ibrnet_weights", weights, {X(1)}, 1, 0},
     {"ibrnet_moments", moments, {SEEN(F), POSITIVE(N, S, V, 1)}, 2, 0},
     {"ibrnet_residual", residual, {SEEN(F), SEEN(F + 1)}, 2, 0},

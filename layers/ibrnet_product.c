@@ -1,0 +1,178 @@
+/* ibrnet_product.c: see ibrnet_product.h.
+ *
+ * Register tiles; a vector holds one channel of the L points of a row:
+ *   product   two rows by OUTS results; a term is two loads of x and OUTS numbers of w
+ *   outer     OUTER_IN by OUTER_OUT numbers of w, each a vector of partial sums over the points,
+ *             added up across the vector at the end
+ * Each sum has one order, whatever the tile's size.
+ */
+#include "autograd/kernels/tile.h"
+#include "layers/ibrnet_product.h"
+#include "layers/lanes_math.h"
+
+#if defined(__AVX512F__) || defined(__aarch64__)
+enum { OUTS = 12, OUTER_IN = 6, OUTER_OUT = 4 }; /* of 32 registers */
+#else
+enum { OUTS = 6, OUTER_IN = 4, OUTER_OUT = 3 }; /* of 16 */
+#endif
+
+/* ---- product -----------------------------------------------------------------------------------
+ */
+
+/* Results o .. o + outs - 1 of `rows` rows from `row` on. */
+LF_INLINE void product_tile(const lf_lanes_product *p, long row, long o, const bool turned,
+                            const int rows, const int outs)
+{
+    const long down = turned ? 1 : p->step, across = turned ? p->step : 1;
+    lf_vec sum[LF_LANES_ROWS][OUTS];
+    lf_real *y[LF_LANES_ROWS];
+    for (int r = 0; r < rows; r++) {
+        y[r] = p->y + ((row + r) * p->out + o) * LF_LANES;
+        for (int t = 0; t < outs; t++)
+            sum[r][t] = p->accumulate ? lf_vec_load(y[r] + t * LF_LANES)
+                                      : lf_vec_all(p->bias ? p->bias[o + t] : 0);
+    }
+    const lf_real *w = p->w + o * across;
+    for (int part = 0; part < p->parts; part++) {
+        const long c = p->c[part];
+        const lf_real *x = p->x[part] + row * c * LF_LANES;
+        for (long i = 0; i < c; i++, w += down) {
+            lf_vec a[LF_LANES_ROWS];
+            for (int r = 0; r < rows; r++)
+                a[r] = lf_vec_load(x + (r * c + i) * LF_LANES);
+#pragma GCC unroll 12
+            for (int t = 0; t < outs; t++) {
+                const lf_vec factor = lf_vec_all(w[t * across]);
+                for (int r = 0; r < rows; r++)
+                    sum[r][t] += a[r] * factor;
+            }
+        }
+    }
+    for (int r = 0; r < rows; r++)
+        for (int t = 0; t < outs; t++)
+            lf_vec_store(y[r] + t * LF_LANES, sum[r][t]);
+}
+
+#define TILE(turned, rows, outs)                                                                   \
+    case outs:                                                                                     \
+        product_tile(p, first, o, turned, rows, outs);                                             \
+        break;
+#if defined(__AVX512F__) || defined(__aarch64__)
+#define LARGE_TILES(turned, rows)                                                                  \
+    TILE(turned, rows, 7)                                                                          \
+    TILE(turned, rows, 8)                                                                          \
+    TILE(turned, rows, 9)                                                                          \
+    TILE(turned, rows, 10)                                                                         \
+    TILE(turned, rows, 11)                                                                         \
+    TILE(turned, rows, 12)
+#else
+#define LARGE_TILES(turned, rows)
+#endif
+#define TILES(turned, rows)                                                                        \
+    switch (outs) {                                                                                \
+        TILE(turned, rows, 1)                                                                      \
+        TILE(turned, rows, 2)                                                                      \
+        TILE(turned, rows, 3)                                                                      \
+        TILE(turned, rows, 4)                                                                      \
+        TILE(turned, rows, 5)                                                                      \
+        TILE(turned, rows, 6)                                                                      \
+        LARGE_TILES(turned, rows)                                                                  \
+    }
+
+void lf_lanes_product_rows(const lf_lanes_product *p, long first, long rows)
+{
+    for (long o = 0, outs; o < p->out; o += outs) {
+        outs = lf_next_part(p->out - o, OUTS);
+        if (p->turned && rows == 2)
+            TILES(true, 2)
+        else if (p->turned)
+            TILES(true, 1)
+        else if (rows == 2)
+            TILES(false, 2)
+        else
+            TILES(false, 1)
+    }
+}
+
+/* ---- outer -------------------------------------------------------------------------------------
+ */
+
+/* A tile of w[i, o] += sum over rows and lanes of x[r, i, l] z[r, o, l]. */
+LF_INLINE void outer_tile(long rows, long ci, const lf_real *x, long co, const lf_real *z,
+                          lf_real *w, const int ins, const int outs)
+{
+    lf_vec sum[OUTER_IN * OUTER_OUT + LF_LANES] = {{0}};
+    for (long r = 0; r < rows; r++, x += ci * LF_LANES, z += co * LF_LANES) {
+        lf_vec g[OUTER_OUT];
+#pragma GCC unroll 4
+        for (int o = 0; o < outs; o++)
+            g[o] = lf_vec_load(z + o * LF_LANES);
+#pragma GCC unroll 6
+        for (int i = 0; i < ins; i++) {
+            const lf_vec a = lf_vec_load(x + i * LF_LANES);
+#pragma GCC unroll 4
+            for (int o = 0; o < outs; o++)
+                sum[i * outs + o] += a * g[o];
+        }
+    }
+    lf_real total[OUTER_IN * OUTER_OUT + LF_LANES];
+#pragma GCC unroll 16
+    for (int k = 0; k < ins * outs; k += LF_LANES)
+        lf_vec_store(total + k, lf_vec_fold(sum + k));
+    for (int i = 0; i < ins; i++)
+        for (int o = 0; o < outs; o++)
+            w[i * co + o] += total[i * outs + o];
+}
+
+#define OUTER(ins, outs)                                                                           \
+    case outs:                                                                                     \
+        outer_tile(rows, ci, x, co, z, w, ins, outs);                                              \
+        break;
+#if defined(__AVX512F__) || defined(__aarch64__)
+#define WIDEST_OUTER(ins) OUTER(ins, 4)
+#else
+#define WIDEST_OUTER(ins)
+#endif
+#define OUTERS(ins)                                                                                \
+    case ins:                                                                                      \
+        switch (outs) {                                                                            \
+            OUTER(ins, 1) OUTER(ins, 2) OUTER(ins, 3) WIDEST_OUTER(ins)                            \
+        }                                                                                          \
+        break;
+
+static void outer_any(long rows, long ci, const lf_real *x, long co, const lf_real *z, lf_real *w,
+                      long ins, long outs)
+{
+    switch (ins) {
+        OUTERS(1)
+        OUTERS(2)
+        OUTERS(3)
+        OUTERS(4)
+#if defined(__AVX512F__) || defined(__aarch64__)
+        OUTERS(5)
+        OUTERS(6)
+#endif
+    }
+}
+
+/* Few channels of x stay in the cache while z passes. */
+void lf_lanes_outer(long rows, long ci, const lf_real *x, long co, const lf_real *z, lf_real *w)
+{
+    for (long i = 0, ins; i < ci; i += ins) {
+        ins = lf_next_part(ci - i, OUTER_IN);
+        for (long o = 0, outs; o < co; o += outs) {
+            outs = lf_next_part(co - o, OUTER_OUT);
+            outer_any(rows, ci, x + i * LF_LANES, co, z + o * LF_LANES, w + i * co + o, ins, outs);
+        }
+    }
+}
+
+void lf_lanes_sums(long rows, long co, const lf_real *z, lf_real *sum)
+{
+    for (long o = 0; o < co; o++) {
+        lf_vec v = {0};
+        for (long r = 0; r < rows; r++)
+            v += lf_vec_load(z + (r * co + o) * LF_LANES);
+        sum[o] += lf_vec_total(v);
+    }
+}
