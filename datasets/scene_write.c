@@ -71,9 +71,20 @@ static lf_status make_folder(const char *path, lf_error *err)
     return LF_OK;
 }
 
+/* The folder and those above it. */
+static lf_status make_folders(const char *path, lf_error *err)
+{
+    char above[PATH_MAX];
+    for (const char *slash = strchr(path + 1, '/'); slash; slash = strchr(slash + 1, '/')) {
+        snprintf(above, sizeof above, "%.*s", (int)(slash - path), path);
+        LF_TRY(make_folder(above, err));
+    }
+    return make_folder(path, err);
+}
+
 static lf_status make_empty(const char *folder, lf_error *err)
 {
-    LF_TRY(make_folder(folder, err));
+    LF_TRY(make_folders(folder, err));
     DIR *dir = opendir(folder);
     if (!dir)
         return lf_fail(err, LF_BAD_INPUT, "%s: cannot be opened: %s", folder, strerror(errno));
