@@ -259,6 +259,13 @@ typedef struct gated {
     lf_real *gate; /* [G, n, W]: ELU's slope for the scalars, sigmoids */
 } gated;
 
+/* From group to group: an odd number of lines, so that the same number of all groups does not fall
+ * on few sets of a cache. */
+static long gated_step(const gated *t)
+{
+    return (t->n + (t->n + 1) % 2) * W;
+}
+
 /* Logits in `gate` become what is kept; y from x. */
 static void gate_group(const gated *t, const lf_real *x, lf_real *gate, lf_real *y)
 {
@@ -311,22 +318,23 @@ static void gated_backward(const lf_node *node)
     const gated *t = node->saved;
     const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
     const long groups = x->dim[0], row = x->dim[2] * W, n = t->n * W;
-    lf_real *dl = lf_alloc_reals(node->tape, groups * n), *dn = lf_alloc_reals(node->tape, n);
+    const long step = gated_step(t);
+    lf_real *dl = lf_alloc_reals(node->tape, groups * step), *dn = lf_alloc_reals(node->tape, n);
     lf_real *spare = x->grad ? NULL : lf_alloc_reals(node->tape, row);
     for (long g = 0; g < groups; g++) {
         lf_real *dx = spare ? spare : x->grad + g * row;
-        gate_group_backward(t, x->value + g * row, t->gate + g * n, node->out[0]->grad + g * row,
-                            dx, dl + g * n);
-        const lf_block_terms p = {.in = t->n, .x = dl + g * n, .w = {w->value, 1, t->n}};
+        gate_group_backward(t, x->value + g * row, t->gate + g * step, node->out[0]->grad + g * row,
+                            dx, dl + g * step);
+        const lf_block_terms p = {.in = t->n, .x = dl + g * step, .w = {w->value, 1, t->n}};
         lf_block_product(&p, t->n, dn);
-        invariants_group_backward(t->types.count, t->c, x->value + g * row, t->norm + g * n, dn,
+        invariants_group_backward(t->types.count, t->c, x->value + g * row, t->norm + g * step, dn,
                                   dx);
     }
-    const lf_block_pairs p = {groups, n, n, t->norm, dl, NULL, NULL, 0};
+    const lf_block_pairs p = {groups, step, step, t->norm, dl, NULL, NULL, 0};
     if (w->grad)
         lf_block_outer(&p, t->n, t->n, w->grad, t->n, 1);
     if (b->grad)
-        lf_block_sums(groups, n, t->n, dl, b->grad);
+        lf_block_sums(groups, step, t->n, dl, b->grad);
 }
 
 lf_tensor *lf_blocks_gated(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *w,
@@ -336,12 +344,14 @@ lf_tensor *lf_blocks_gated(lf_tape *tape, const lf_types *types, lf_tensor *x, l
     LF_REQUIRE(w->size == n * n && b->size == n, "lf_blocks_gated: w of %ld for %ld invariants",
                w->size, n);
     gated *t = lf_alloc(tape, sizeof *t);
-    *t = (gated){*types, c, n, lf_alloc_reals(tape, groups * n * W),
-                 lf_alloc_reals(tape, groups * n * W)};
+    *t = (gated){.types = *types, .c = c, .n = n};
+    const long step = gated_step(t);
+    t->norm = lf_alloc_reals(tape, groups * step);
+    t->gate = lf_alloc_reals(tape, groups * step);
     lf_tensor *y = lf_tensor_like(tape, x);
     for (long g = 0; g < groups; g++) {
         const lf_real *xg = x->value + g * x->dim[2] * W;
-        lf_real *norm = t->norm + g * n * W, *gate = t->gate + g * n * W;
+        lf_real *norm = t->norm + g * step, *gate = t->gate + g * step;
         invariants_group(types->count, c, xg, norm);
         const lf_block_terms p = {.in = n, .x = norm, .w = {w->value, n, 1}, .bias = b->value};
         lf_block_product(&p, n, gate);
