@@ -184,11 +184,11 @@ typedef struct tile {
 
 typedef struct passed {
     lf_rendered rendered;
-    lf_light_geometry geometry;
+    const lf_light_geometry *geometry; /* the tape's: backward looks at it */
 } passed;
 
-static lf_light_geometry geometry_of(lf_tape *tape, const lf_render_work *w, const tile *t,
-                                     const lf_seen_samples *seen)
+static const lf_light_geometry *geometry_of(lf_tape *tape, const lf_render_work *w, const tile *t,
+                                            const lf_seen_samples *seen)
 {
     const lf_types types = lf_renderer_types(w->model);
     const lf_light_rays rays = {t->count,
@@ -201,7 +201,9 @@ static lf_light_geometry geometry_of(lf_tape *tape, const lf_render_work *w, con
                                 seen->seen,
                                 t->rays->near,
                                 t->rays->far};
-    return lf_light_geometry_make(tape, &types, &rays);
+    lf_light_geometry *geometry = lf_alloc(tape, sizeof *geometry);
+    *geometry = lf_light_geometry_make(tape, &types, &rays);
+    return geometry;
 }
 
 static passed pass(lf_tape *tape, const lf_render_work *w, const tile *t, int network,
@@ -212,10 +214,10 @@ static passed pass(lf_tape *tape, const lf_render_work *w, const tile *t, int ne
         lf_see_samples(tape, t->rays, t->from, t->count, t->samples, t->depth, w->views, w->source);
     passed p = {.geometry = geometry_of(tape, w, t, &seen)};
     lf_tensor *y = lf_sample_views(tape, maps, w->views, w->view, network * channels, channels,
-                                   points, seen.uv, p.geometry.mask->value);
+                                   points, seen.uv, p.geometry->mask->value);
     const lf_ray_inputs in = {
         lf_reshape(tape, y, 4, LF_DIMS(t->count, t->samples, w->views, LF_RGB + channels)),
-        &p.geometry,
+        p.geometry,
         w->model->config.equivariant
             ? NULL
             : lf_ray_differences(tape, t->rays, t->from, t->count, t->samples, &seen, w->views)};
@@ -465,7 +467,7 @@ static void write_ray(const evaluation *e, long ray, const lf_rendered *r, long 
 /* (sample, view) pairs of a pass. */
 static long rows_of(const passed *p)
 {
-    return p->geometry.rays * p->geometry.samples * p->geometry.views;
+    return p->geometry->rays * p->geometry->samples * p->geometry->views;
 }
 
 static const passed *fine_pass(const evaluation *e, lf_tape *tape, const tile *t,
