@@ -37,6 +37,8 @@ struct lf_task {
     /* Forward and backward: gradients in the store, the mean loss in *loss; *data_seconds: what was
      * not computing. LF_BAD_INPUT, LF_FAILED: the data cannot be read. */
     lf_status (*step)(void *self, long step, double *loss, double *data_seconds, lf_error *err);
+    /* Add what the task counts to a line of metrics.jsonl, and begin to count anew; may be NULL. */
+    void (*log)(void *self, json_t *line);
     /* The first op of the last step that was not finite, or NULL. */
     const char *(*nonfinite)(const void *self);
     /* False: there is nothing to validate on. */

@@ -204,6 +204,14 @@ void lf_task_recon(const lf_config *cfg, const lf_task_options *options, lf_task
     lf_recon_init(&t->model, t->store, &config);
     t->work = lf_recon_work_create(&t->model, lf_config_int(cfg, "train.tile_points"));
     lf_recon_work_check(t->work, options->check_finite);
-    *out = (lf_task){t,        t->store,  check_memory, open_data, print_plan,
-                     run_step, nonfinite, validates,    validate,  free_task};
+    *out = (lf_task){.self = t,
+                     .store = t->store,
+                     .check = check_memory,
+                     .open = open_data,
+                     .print_plan = print_plan,
+                     .step = run_step,
+                     .nonfinite = nonfinite,
+                     .validates = validates,
+                     .validate = validate,
+                     .free = free_task};
 }

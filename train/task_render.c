@@ -16,6 +16,7 @@ typedef struct render_task {
     lf_renderer model;
     lf_render_work *work;
     lf_render_batches *batches;
+    long rays, counted; /* since the last line of metrics */
 } render_task;
 
 /* ---- data -------------------------------------------------------------------------------------
@@ -93,8 +94,20 @@ static lf_status run_step(void *self, long step, double *loss, double *data_seco
     lf_render_batch batch;
     LF_TRY(lf_render_batches_at(t->batches, step, &batch, err));
     *data_seconds = lf_seconds_now() - start;
-    *loss = lf_render_step(t->work, &batch, NULL);
+    long counted;
+    *loss = lf_render_step(t->work, &batch, &counted);
+    t->rays += batch.rays.count;
+    t->counted += counted;
     return LF_OK;
+}
+
+/* Rays that too few views see do not count in the loss; which share does is written down. */
+static void log_rays(void *self, json_t *line)
+{
+    render_task *t = self;
+    json_object_set_new(line, "rays_counted",
+                        json_real(t->rays ? (double)t->counted / (double)t->rays : 0));
+    t->rays = t->counted = 0;
 }
 
 static const char *nonfinite(const void *self)
@@ -249,6 +262,15 @@ void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_tas
     lf_renderer_init(&t->model, t->store, &config);
     t->work = lf_render_work_create(&t->model, lf_config_int(cfg, "train.tile_rays"));
     lf_render_work_check(t->work, options->check_finite);
-    *out = (lf_task){t,        t->store,  check_memory, open_data, print_plan,
-                     run_step, nonfinite, validates,    validate,  free_task};
+    *out = (lf_task){.self = t,
+                     .store = t->store,
+                     .check = check_memory,
+                     .open = open_data,
+                     .print_plan = print_plan,
+                     .step = run_step,
+                     .log = log_rays,
+                     .nonfinite = nonfinite,
+                     .validates = validates,
+                     .validate = validate,
+                     .free = free_task};
 }

@@ -97,6 +97,8 @@ static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
         lf_json_real(line, "val_loss", t->validation.loss);
         lf_json_real(line, t->validation.name, t->validation.figure);
     }
+    if (t->task.log)
+        t->task.log(t->task.self, line);
     t->timed = t->state.step;
     t->state.loss_steps = 0;
     t->state.loss_sum = t->step_seconds = t->data_seconds = 0;
