@@ -80,7 +80,8 @@ typedef struct lf_so2_map {
     const lf_parameter *weight; /* [P, Ci, Co] */
     const lf_parameter *bias;   /* [Co] or NULL */
 } lf_so2_map;
-/* Normal weights of variance 1 / (3 Ci) for scalars, half of that for A and B; bias 0. */
+/* Normal weights of variance 1 / Ci for scalars, half of that for A and B, so that the size of a
+ * field stays; bias 0. A third of it cost 2 dB after 700 steps of rendering. */
 void lf_so2_map_init(lf_store *store, lf_so2_map *layer, const char *prefix, const lf_types *types,
                      long in, long out, bool bias);
 lf_tensor *lf_so2_map_apply(lf_tape *tape, const lf_so2_map *layer, const lf_types *types,

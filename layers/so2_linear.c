@@ -190,7 +190,7 @@ void lf_so2_map_init(lf_store *store, lf_so2_map *layer, const char *prefix, con
     const long planes = lf_types_planes(types);
     snprintf(name, sizeof name, "%s.weight", prefix);
     layer->weight =
-        lf_store_add(store, name, 3, LF_DIMS(planes, in, out), 0, 1 / sqrt(3 * (double)in), true);
+        lf_store_add(store, name, 3, LF_DIMS(planes, in, out), 0, 1 / sqrt((double)in), true);
     lf_real *w = lf_values(layer->weight);
     for (long i = in * out; i < planes * in * out; i++)
         w[i] *= (lf_real)0.7071067811865476; /* |A + i B|^2 as for the scalars */
