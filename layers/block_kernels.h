@@ -9,6 +9,9 @@
 #define LF_LAYERS_BLOCK_KERNELS_H
 
 #include <stdbool.h>
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
 
 #include "autograd/kernels/wide.h"
 
@@ -114,6 +117,19 @@ LF_INLINE void lf_block_set(lf_real *x, long i, int h, lf_vec v)
 LF_INLINE void lf_block_add(lf_real *x, long i, int h, lf_vec v)
 {
     lf_block_set(x, i, h, lf_block_get(x, i, h) + v);
+}
+
+/* Sums of the lanes of four vectors. */
+LF_INLINE void lf_vec_totals(const lf_vec v[4], lf_real out[4])
+{
+#if defined(__AVX__) && !defined(__AVX512F__) && !defined(LF_DOUBLE)
+    const __m256 sums = _mm256_hadd_ps(_mm256_hadd_ps((__m256)v[0], (__m256)v[1]),
+                                       _mm256_hadd_ps((__m256)v[2], (__m256)v[3]));
+    _mm_storeu_ps(out, _mm_add_ps(_mm256_castps256_ps128(sums), _mm256_extractf128_ps(sums, 1)));
+#else
+    for (int i = 0; i < 4; i++)
+        out[i] = lf_vec_total(v[i]);
+#endif
 }
 
 /* ---- products ----------------------------------------------------------------------------------
@@ -224,13 +240,17 @@ LF_INLINE void lf_block_outer_tile(const lf_block_pairs *t, const int ti, const 
                     for (int b = 0; b < to; b++)
                         sum[a][b][h] += t->sign * lf_block_get(x, a, h) * lf_block_get(y, b, h);
     }
+    lf_vec all[16] = {{0}};
+    lf_real total[16];
     for (int a = 0; a < ti; a++)
-        for (int b = 0; b < to; b++) {
-            lf_vec all = sum[a][b][0];
-            for (int h = 1; h < LF_PARTS; h++)
-                all += sum[a][b][h];
-            dw[(i + a) * in_step + (o + b) * out_step] += lf_vec_total(all);
-        }
+        for (int b = 0; b < to; b++)
+            for (int h = 0; h < LF_PARTS; h++)
+                all[a * to + b] += sum[a][b][h];
+    for (int k = 0; k < ti * to; k += 4)
+        lf_vec_totals(all + k, total + k);
+    for (int a = 0; a < ti; a++)
+        for (int b = 0; b < to; b++)
+            dw[(i + a) * in_step + (o + b) * out_step] += total[a * to + b];
 }
 
 /* Tiles of 2 x 3 numbers, 4 x 3 with 32 registers. */
