@@ -175,12 +175,12 @@ static const lf_bench_case cases[] = {
     {"equivariant-step",
      "step of the equivariant renderer: 512 rays of 32 samples, 8 views, 35 numbers",
      open_step,
-     {512, 32, 8, 2},
+     {512, 32, 8, 1},
      0},
     {"equivariant-16",
      "the same of 16 rays: short enough to be undisturbed on a busy machine",
      open_step,
-     {16, 32, 8, 2},
+     {16, 32, 8, 1},
      0},
 };
 

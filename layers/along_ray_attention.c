@@ -38,7 +38,9 @@ enum {
     TERMS = BASIS + 1,      /* with the constant */
     ROW = BASIS + LF_LANES, /* numbers of a matrix row: BASIS Gaussians, the constant, none */
     BASIS_VECTORS = BASIS / LF_LANES,
-    COLLECT_TILE = BASIS_VECTORS <= 12 ? 12 / BASIS_VECTORS : 1
+    COLLECT_TILE = BASIS_VECTORS <= 2   ? 6
+                   : BASIS_VECTORS <= 6 ? 12 / BASIS_VECTORS
+                                        : 1
 };
 
 typedef struct along {
@@ -215,7 +217,7 @@ static void expand(const along *t, const work *w, const lf_real *number, lf_real
 LF_INLINE void collect_tile(const int tile, long count, long n, const lf_real *pairs,
                             const lf_real *x, lf_real *z)
 {
-    lf_vec sum[COLLECT_TILE][BASIS_VECTORS];
+    lf_vec sum[6][BASIS_VECTORS];
     for (int i = 0; i < tile; i++)
         for (int b = 0; b < BASIS_VECTORS; b++)
             sum[i][b] = (lf_vec){0};
@@ -230,6 +232,29 @@ LF_INLINE void collect_tile(const int tile, long count, long n, const lf_real *p
             lf_vec_store(z + i * BASIS + b * LF_LANES, sum[i][b]);
 }
 
+/* The numbers of one head in nearly equal tiles. */
+static void collect_head(const along *t, const work *w, const lf_real *x, lf_real *z)
+{
+    const long parts = (t->size + COLLECT_TILE - 1) / COLLECT_TILE;
+    for (long p = 0, i = 0; p < parts; p++) {
+        const long size = (t->size - i + parts - p - 1) / (parts - p);
+        switch (size) {
+#define TILE(count)                                                                                \
+    case count:                                                                                    \
+        collect_tile(count, t->rays.samples, t->n, w->pairs, x + i, z + i * BASIS);                \
+        break;
+            TILE(1)
+            TILE(2)
+            TILE(3)
+            TILE(4)
+            TILE(5)
+            TILE(6)
+#undef TILE
+        }
+        i += size;
+    }
+}
+
 /* z_b = sum_j number_j phi_b x_j -> z [n, BASIS]; the constant's -> constant [n]. */
 static void collect(const along *t, const work *w, const lf_real *number, const keys *x, lf_real *z)
 {
@@ -240,12 +265,8 @@ static void collect(const along *t, const work *w, const lf_real *number, const 
             for (int b = 0; b < BASIS; b += LF_LANES)
                 lf_vec_store(w->pairs + j * BASIS + b,
                              by[j] * lf_vec_load(w->phi_row + j * BASIS + b));
-        long i = head * t->size;
-        for (; i + COLLECT_TILE <= (head + 1) * t->size; i += COLLECT_TILE)
-            collect_tile(COLLECT_TILE, samples, t->n, w->pairs, x->row + i, z + i * BASIS);
-        for (; i < (head + 1) * t->size; i++)
-            collect_tile(1, samples, t->n, w->pairs, x->row + i, z + i * BASIS);
-        for (i = head * t->size; i < (head + 1) * t->size; i++) {
+        collect_head(t, w, x->row + head * t->size, z + head * t->size * BASIS);
+        for (long i = head * t->size; i < (head + 1) * t->size; i++) {
             lf_vec sum = {0};
             for (long k = 0; k < t->blocks; k++)
                 for (int h = 0; h < LF_PARTS; h++)

@@ -192,32 +192,13 @@ lf_attended lf_blocks_attention(lf_tape *tape, const lf_blocks *blocks, lf_tenso
 /* ---- the layers --------------------------------------------------------------------------------
  */
 
-lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
-                                 const lf_ray_ray_convolution *layer, lf_tensor *f, bool mean)
-{
-    lf_tensor *m = lf_blocks_linear(tape, f, lf_param(tape, layer->map.weight),
-                                    lf_param(tape, layer->map.bias), LF_IDENTITY);
-    lf_tensor *a = lf_blocks_mlp(tape, &layer->profile, blocks->angle);
-    return (mean ? lf_blocks_mean : lf_blocks_values)(tape, blocks, m, a);
-}
-
-static lf_tensor *update(lf_tape *tape, const lf_blocks *blocks, const lf_view_update *u,
-                         lf_tensor *view, lf_tensor *q)
-{
-    lf_tensor *point = lf_blocks_map(tape, blocks, &u->from_point, q, NULL);
-    lf_tensor *x = lf_blocks_map(tape, blocks, &u->from_view, view, point);
-    x = lf_blocks_gated(tape, &blocks->types, x, lf_param(tape, u->gated.gate.weight),
-                        lf_param(tape, u->gated.gate.bias));
-    return lf_blocks_map(tape, blocks, &u->out, x, NULL);
-}
-
 lf_attended lf_blocks_cross(lf_tape *tape, const lf_blocks *blocks,
                             const lf_cross_attention_layer *layer, lf_tensor *f, lf_tensor *point)
 {
-    lf_tensor *q = lf_blocks_map(tape, blocks, &layer->query, point, NULL), *kv[2];
+    lf_tensor *q = lf_blocks_map(tape, &blocks->types, &layer->query, point), *kv[2];
     for (int i = 0; i < 2; i++) {
         kv[i] = lf_blocks_convolution(tape, blocks, &layer->kernel[i], f, false);
-        kv[i] = update(tape, blocks, &layer->update[i], kv[i], q);
+        kv[i] = lf_blocks_update(tape, blocks, &layer->update[i], kv[i], q);
     }
     lf_attended y = lf_blocks_attention(tape, blocks, q, kv[0], kv[1], layer->heads);
     y.field = lf_add(tape, point, y.field);
@@ -230,9 +211,9 @@ lf_tensor *lf_blocks_along(lf_tape *tape, const lf_blocks *blocks, const lf_alon
     const lf_so2_map *const map[] = {&layer->query, &layer->key, &layer->value};
     lf_tensor *row[3];
     for (int i = 0; i < 3; i++)
-        row[i] = lf_blocks_rows(tape, blocks, lf_blocks_map(tape, blocks, map[i], x, NULL));
+        row[i] = lf_blocks_rows(tape, blocks, lf_blocks_map(tape, &blocks->types, map[i], x));
     lf_tensor *y =
         lf_along_ray_attention(tape, row[0], row[1], row[2], lf_param(tape, layer->profile[0]),
                                lf_param(tape, layer->profile[1]), blocks->rays, layer->heads);
-    return lf_blocks_map(tape, blocks, &layer->join, lf_blocks_of_points(tape, blocks, y), NULL);
+    return lf_blocks_map(tape, &blocks->types, &layer->join, lf_blocks_of_points(tape, blocks, y));
 }

@@ -9,6 +9,9 @@
 #define LF_LAYERS_BLOCK_KERNELS_H
 
 #include <stdbool.h>
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
 
 #include "autograd/kernels/wide.h"
 
@@ -116,6 +119,19 @@ LF_INLINE void lf_block_add(lf_real *x, long i, int h, lf_vec v)
     lf_block_set(x, i, h, lf_block_get(x, i, h) + v);
 }
 
+/* Sums of the lanes of four vectors. */
+LF_INLINE void lf_vec_totals(const lf_vec v[4], lf_real out[4])
+{
+#if defined(__AVX__) && !defined(__AVX512F__) && !defined(LF_DOUBLE)
+    const __m256 sums = _mm256_hadd_ps(_mm256_hadd_ps((__m256)v[0], (__m256)v[1]),
+                                       _mm256_hadd_ps((__m256)v[2], (__m256)v[3]));
+    _mm_storeu_ps(out, _mm_add_ps(_mm256_castps256_ps128(sums), _mm256_extractf128_ps(sums, 1)));
+#else
+    for (int i = 0; i < 4; i++)
+        out[i] = lf_vec_total(v[i]);
+#endif
+}
+
 /* ---- products ----------------------------------------------------------------------------------
  */
 
@@ -208,58 +224,57 @@ typedef struct lf_block_pairs {
 LF_INLINE void lf_block_outer_tile(const lf_block_pairs *t, const int ti, const int to, long i,
                                    long o, lf_real *dw, long in_step, long out_step)
 {
-    lf_vec sum[4][4][LF_PARTS] = {{{{0}}}};
+    lf_vec sum[16] = {{0}};
+    lf_real total[16];
     const lf_real *x = t->x + i * LF_WIDE, *y = t->y + o * LF_WIDE;
     for (long g = 0; g < t->groups; g++, x += t->x_step, y += t->y_step)
         for (int h = 0; h < LF_PARTS; h++)
             for (int a = 0; a < ti; a++)
                 for (int b = 0; b < to; b++)
-                    sum[a][b][h] += lf_block_get(x, a, h) * lf_block_get(y, b, h);
+                    sum[a * to + b] += lf_block_get(x, a, h) * lf_block_get(y, b, h);
     if (t->x2) {
         x = t->x2 + i * LF_WIDE;
         y = t->y2 + o * LF_WIDE;
         for (long g = 0; g < t->groups; g++, x += t->x_step, y += t->y_step)
             for (int h = 0; h < LF_PARTS; h++)
-                for (int a = 0; a < ti; a++)
+                for (int a = 0; a < ti; a++) {
+                    const lf_vec by = t->sign * lf_block_get(x, a, h);
                     for (int b = 0; b < to; b++)
-                        sum[a][b][h] += t->sign * lf_block_get(x, a, h) * lf_block_get(y, b, h);
+                        sum[a * to + b] += by * lf_block_get(y, b, h);
+                }
     }
+    for (int k = 0; k < ti * to; k += 4)
+        lf_vec_totals(sum + k, total + k);
     for (int a = 0; a < ti; a++)
-        for (int b = 0; b < to; b++) {
-            lf_vec all = sum[a][b][0];
-            for (int h = 1; h < LF_PARTS; h++)
-                all += sum[a][b][h];
-            dw[(i + a) * in_step + (o + b) * out_step] += lf_vec_total(all);
-        }
+        for (int b = 0; b < to; b++)
+            dw[(i + a) * in_step + (o + b) * out_step] += total[a * to + b];
 }
 
-/* Tiles of 2 x 3 numbers, 4 x 3 with 32 registers. */
+/* Tiles of 4 x 3 sums, 4 x 4 with 32 registers. */
 static inline void lf_block_outer(const lf_block_pairs *t, long in, long out, lf_real *dw,
                                   long in_step, long out_step)
 {
-    enum { TI = LF_PARTS == 1 ? 4 : 2, TO = 3 };
+    enum { TI = 4, TO = LF_VEC_BYTES >= 64 ? 4 : 3 };
     for (long o = 0; o < out; o += TO)
         for (long i = 0; i < in; i += TI) {
             const long a = in - i < TI ? in - i : TI, b = out - o < TO ? out - o : TO;
-            switch (4 * a + b) {
+            switch (5 * a + b) {
 #define TILE(n, m)                                                                                 \
-    case 4 * n + m:                                                                                \
+    case 5 * n + m:                                                                                \
         lf_block_outer_tile(t, n, m, i, o, dw, in_step, out_step);                                 \
         break;
-                TILE(1, 1)
-                TILE(1, 2)
-                TILE(1, 3)
-                TILE(2, 1)
-                TILE(2, 2)
-                TILE(2, 3)
+#define TILES(n) TILE(n, 1) TILE(n, 2) TILE(n, 3)
+                TILES(1)
+                TILES(2)
+                TILES(3)
+                TILES(4)
 #if LF_VEC_BYTES >= 64
-                TILE(3, 1)
-                TILE(3, 2)
-                TILE(3, 3)
-                TILE(4, 1)
-                TILE(4, 2)
-                TILE(4, 3)
+                TILE(1, 4)
+                TILE(2, 4)
+                TILE(3, 4)
+                TILE(4, 4)
 #endif
+#undef TILES
 #undef TILE
             }
         }

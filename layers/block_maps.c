@@ -1,12 +1,11 @@
 /* block_maps.c: blocks from rows and back, and linear maps of blocks.      [layers/light_blocks.h]
  *
  *   linear   y = act(x w + b)              dz = act' dy, dx += dz w', dw += x dz, db += dz
- *   map      per type y = (A + i B) x      as in so2_linear.c; dpoint += sum over the groups of dy
+ *   map      per type y = (A + i B) x      as in so2_linear.c
  *
  * The gradient of a weight is summed over all blocks and groups in registers.
  */
-#include "layers/block_kernels.h"
-#include "layers/light_blocks.h"
+#include "layers/block_groups.h"
 
 enum { W = LF_WIDE };
 
@@ -32,7 +31,8 @@ static long list_groups(const lf_light_geometry *rays, long points, long blocks,
     return groups;
 }
 
-static void fill_group(const lf_blocks *k, long b, long g, lf_real *mask, lf_real *phase)
+static void fill_group(const lf_blocks *k, long b, long g, lf_real *mask, lf_real *phase,
+                       lf_real *angle)
 {
     const lf_light_geometry *rays = k->rays;
     const long planes = lf_types_planes(&k->types), v = k->view[g];
@@ -44,7 +44,7 @@ static void fill_group(const lf_blocks *k, long b, long g, lf_real *mask, lf_rea
         for (long i = 0; i < planes; i++)
             phase[(g * planes + i) * W + l] = z[i];
         for (long i = 0; i < 3; i++)
-            k->angle->value[(g * 3 + i) * W + l] = rays->angle->value[3 * pv + i];
+            angle[(g * 3 + i) * W + l] = rays->angle->value[3 * pv + i];
     }
 }
 
@@ -63,10 +63,11 @@ lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *rays)
     k.mask = mask;
     k.share = share;
     k.phase = phase;
-    k.angle = lf_tensor_new(tape, 4, LF_DIMS(k.groups, 1, 3, W));
+    lf_real *angle = lf_alloc_reals(tape, k.groups * 3 * W);
+    k.angle = angle;
     for (long b = 0; b < blocks; b++)
         for (long g = first[b]; g < first[b + 1]; g++)
-            fill_group(&k, b, g, mask, phase);
+            fill_group(&k, b, g, mask, phase, angle);
     for (long p = 0; p < blocks * W; p++) {
         const lf_real count = p < points ? rays->count->value[p] : 0;
         share[p] = count > 0 ? 1 / count : 0;
@@ -249,109 +250,34 @@ lf_tensor *lf_blocks_mlp(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x)
 /* ---- maps within a type ------------------------------------------------------------------------
  */
 
-typedef struct map {
-    lf_types types;
-    long in, out, blocks;
-    const long *first; /* groups of a block; NULL: x is of points */
-} map;
-
-/* y (+)= (A + i B) x of one group, or with `adjoint` the adjoint of it. */
-static void map_group(const map *m, const lf_real *w, const lf_real *bias, bool adjoint,
-                      const lf_real *x, lf_real *y)
-{
-    const long ci = adjoint ? m->out : m->in, co = adjoint ? m->in : m->out, size = ci * co;
-    const long in_step = adjoint ? 1 : co, out_step = adjoint ? ci : 1;
-    const lf_real sign = adjoint ? -1 : 1;
-    lf_block_terms t = {
-        .in = ci, .x = x, .w = {w, in_step, out_step}, .bias = bias, .accumulate = adjoint};
-    lf_block_product(&t, co, y);
-    t.bias = NULL;
-    for (int k = 1; k < m->types.count; k++) {
-        const lf_block_matrix a = {w + (2 * k - 1) * size, in_step, out_step},
-                              b = {a.w + size, in_step, out_step};
-        const lf_real *re = x + (2 * k - 1) * ci * W, *im = re + ci * W;
-        t.w = a;
-        t.w2 = b;
-        t.x = re;
-        t.x2 = im;
-        t.sign = -sign;
-        lf_block_product(&t, co, y + (2 * k - 1) * co * W);
-        t.x = im;
-        t.x2 = re;
-        t.sign = sign;
-        lf_block_product(&t, co, y + 2 * k * co * W);
-    }
-}
-
-static void map_weights(const map *m, long groups, const lf_real *x, const lf_real *dy, lf_real *dw)
-{
-    const long ci = m->in, co = m->out, rx = lf_types_planes(&m->types) * ci * W, ry = rx / ci * co;
-    lf_block_pairs p = {groups, rx, ry, x, dy, NULL, NULL, 0};
-    lf_block_outer(&p, ci, co, dw, co, 1);
-    for (int k = 1; k < m->types.count; k++) {
-        const long plane = 2 * k - 1;
-        const lf_real *re = x + plane * ci * W, *im = re + ci * W;
-        const lf_real *gr = dy + plane * co * W, *gi = gr + co * W;
-        p = (lf_block_pairs){groups, rx, ry, re, gr, im, gi, 1};
-        lf_block_outer(&p, ci, co, dw + plane * ci * co, co, 1);
-        p = (lf_block_pairs){groups, rx, ry, re, gi, im, gr, -1};
-        lf_block_outer(&p, ci, co, dw + (plane + 1) * ci * co, co, 1);
-    }
-}
-
-/* y += or point += between a block and all its groups. */
-static void add_blocks(const map *m, long n, lf_real *groups, lf_real *blocks, bool to_groups)
-{
-    for (long b = 0; b < m->blocks; b++) {
-        const long first = m->first ? m->first[b] : b, last = m->first ? m->first[b + 1] : b + 1;
-        lf_real *y = blocks + b * n;
-        for (long g = first; g < last; g++) {
-            lf_real *x = groups + g * n;
-            for (long i = 0; i < n; i += LF_LANES) {
-                const lf_vec sum = lf_vec_load(x + i) + lf_vec_load(y + i);
-                lf_vec_store(to_groups ? x + i : y + i, sum);
-            }
-        }
-    }
-}
-
 static void map_backward(const lf_node *node)
 {
-    const map *m = node->saved;
-    const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2], *point = node->in[3];
-    const lf_tensor *y = node->out[0];
-    const long planes = lf_types_planes(&m->types), groups = x->dim[0];
-    const long rx = planes * m->in * W, ry = planes * m->out * W;
+    const lf_group_map *m = node->saved;
+    const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2], *y = node->out[0];
+    const long groups = x->dim[0], rx = x->dim[2] * W, ry = y->dim[2] * W;
     for (long g = 0; x->grad && g < groups; g++)
-        map_group(m, w->value, NULL, true, y->grad + g * ry, x->grad + g * rx);
+        lf_group_map_apply(m, w->value, NULL, true, true, y->grad + g * ry, x->grad + g * rx);
     if (w->grad)
-        map_weights(m, groups, x->value, y->grad, w->grad);
+        lf_group_map_weights(m, groups, x->value, rx, y->grad, ry, w->grad);
     if (b && b->grad)
         lf_block_sums(groups, ry, m->out, y->grad, b->grad);
-    if (point && point->grad)
-        add_blocks(m, ry, y->grad, point->grad, false);
 }
 
-lf_tensor *lf_blocks_map(lf_tape *tape, const lf_blocks *blocks, const lf_so2_map *layer,
-                         lf_tensor *x, lf_tensor *point)
+lf_tensor *lf_blocks_map(lf_tape *tape, const lf_types *types, const lf_so2_map *layer,
+                         lf_tensor *x)
 {
-    const long planes = lf_types_planes(&blocks->types), groups = x->dim[0];
+    const long planes = lf_types_planes(types), groups = x->dim[0];
     lf_tensor *w = lf_param(tape, layer->weight);
     lf_tensor *b = layer->bias ? lf_param(tape, layer->bias) : NULL;
     LF_REQUIRE(x->rank == 4 && w->dim[0] == planes && x->dim[2] == planes * w->dim[1],
                "lf_blocks_map: %ld numbers, w of %ld planes", x->dim[2], w->dim[0]);
-    map *m = lf_alloc(tape, sizeof *m);
-    *m = (map){blocks->types, w->dim[1], w->dim[2], blocks->blocks,
-               groups == blocks->groups ? blocks->first : NULL};
-    const long n = planes * m->out;
-    LF_REQUIRE(!point || (point->size == blocks->blocks * n * W && groups == blocks->groups),
-               "lf_blocks_map: point of %ld for %ld groups", point ? point->size : 0, groups);
+    lf_group_map *m = lf_alloc(tape, sizeof *m);
+    *m = (lf_group_map){*types, w->dim[1], w->dim[2]};
+    const long rx = x->dim[2] * W, n = planes * m->out;
     lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(groups, 1, n, W));
     for (long g = 0; g < groups; g++)
-        map_group(m, w->value, b ? b->value : NULL, false, x->value + g * x->dim[2] * W,
-                  y->value + g * n * W);
-    if (point)
-        add_blocks(m, n * W, y->value, point->value, true);
-    lf_record(tape, "blocks_map", map_backward, m, LF_IN(x, w, b, point), LF_OUT(y));
+        lf_group_map_apply(m, w->value, b ? b->value : NULL, false, false, x->value + g * rx,
+                           y->value + g * n * W);
+    lf_record(tape, "blocks_map", map_backward, m, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

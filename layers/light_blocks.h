@@ -27,7 +27,7 @@ typedef struct lf_blocks {
     const lf_real *mask;  /* [G, W]: 1 = sees */
     const lf_real *share; /* [B, W]: 1 / views that see the point; 0 if none does */
     const lf_real *phase; /* [G, P, W] */
-    lf_tensor *angle;     /* [G, 1, 3, W], no gradient */
+    const lf_real *angle; /* [G, 3, W] */
 } lf_blocks;
 
 lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *rays);
@@ -43,14 +43,8 @@ lf_tensor *lf_blocks_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor
                             lf_activation act);
 lf_tensor *lf_blocks_mlp(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x);
 
-/* lf_so2_map; `point` [B, 1, P Co, W], if not NULL, is added to all groups of its block; x is of
- * views then. */
-lf_tensor *lf_blocks_map(lf_tape *tape, const lf_blocks *blocks, const lf_so2_map *map,
-                         lf_tensor *x, lf_tensor *point);
-
-/* lf_ray_ray_convolution: one value a group, and the mean of the groups -> [B, 1, P C, W]. */
-lf_tensor *lf_blocks_values(lf_tape *tape, const lf_blocks *blocks, lf_tensor *m, lf_tensor *a);
-lf_tensor *lf_blocks_mean(lf_tape *tape, const lf_blocks *blocks, lf_tensor *m, lf_tensor *a);
+/* lf_so2_map. */
+lf_tensor *lf_blocks_map(lf_tape *tape, const lf_types *types, const lf_so2_map *map, lf_tensor *x);
 
 /* lf_so2_layer_norm, lf_so2_invariants, lf_so2_gated. */
 lf_tensor *lf_blocks_norm(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *gain);
@@ -66,6 +60,9 @@ lf_attended lf_blocks_attention(lf_tape *tape, const lf_blocks *blocks, lf_tenso
 /* Whole layers: f of views [G, 1, F, W]. */
 lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
                                  const lf_ray_ray_convolution *layer, lf_tensor *f, bool mean);
+/* A key or value of every view -> what it becomes beside the query q of points. */
+lf_tensor *lf_blocks_update(lf_tape *tape, const lf_blocks *blocks, const lf_view_update *layer,
+                            lf_tensor *view, lf_tensor *q);
 lf_attended lf_blocks_cross(lf_tape *tape, const lf_blocks *blocks,
                             const lf_cross_attention_layer *layer, lf_tensor *f, lf_tensor *point);
 lf_tensor *lf_blocks_along(lf_tape *tape, const lf_blocks *blocks, const lf_along_ray_layer *layer,

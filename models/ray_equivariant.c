@@ -80,7 +80,7 @@ static lf_tensor *density(lf_tape *tape, const lf_ray_equivariant *net, const lf
 {
     lf_tensor *y = lf_blocks_gated(tape, &blocks->types, x, lf_param(tape, net->gated.gate.weight),
                                    lf_param(tape, net->gated.gate.bias));
-    x = lf_add(tape, x, lf_blocks_map(tape, blocks, &net->mix, y, NULL));
+    x = lf_add(tape, x, lf_blocks_map(tape, &blocks->types, &net->mix, y));
     lf_tensor *t = lf_blocks_mlp(tape, &net->density, density_inputs(tape, blocks, x));
     return lf_density(tape, lf_blocks_rows(tape, blocks, t), blocks->rays->count);
 }

@@ -1,0 +1,148 @@
+/* block_groups.h: fields of one block or group: maps within a type, invariants, gates. Rows are
+ * [n, LF_WIDE]; formulas as in so2_linear.c and so2_nonlinear.c.           [layers/light_blocks.h]
+ */
+#ifndef LF_LAYERS_BLOCK_GROUPS_H
+#define LF_LAYERS_BLOCK_GROUPS_H
+
+#include "layers/block_kernels.h"
+#include "layers/light_blocks.h"
+
+/* Numbers from group to group of n numbers each, in memory of an op's own: an odd number of lines,
+ * so that the same number of all groups does not fall on few sets of a cache. */
+static inline long lf_group_step(long n)
+{
+    return (n + (n + 1) % 2) * LF_WIDE;
+}
+
+/* ---- maps --------------------------------------------------------------------------------------
+ */
+
+typedef struct lf_group_map {
+    lf_types types;
+    long in, out; /* channels */
+} lf_group_map;
+
+/* y = or += (A + i B) x, or with `adjoint` the adjoint of it. */
+static inline void lf_group_map_apply(const lf_group_map *m, const lf_real *w, const lf_real *bias,
+                                      bool adjoint, bool accumulate, const lf_real *x, lf_real *y)
+{
+    const long ci = adjoint ? m->out : m->in, co = adjoint ? m->in : m->out, size = ci * co;
+    const long in_step = adjoint ? 1 : co, out_step = adjoint ? ci : 1;
+    const lf_real sign = adjoint ? -1 : 1;
+    lf_block_terms t = {
+        .in = ci, .x = x, .w = {w, in_step, out_step}, .bias = bias, .accumulate = accumulate};
+    lf_block_product(&t, co, y);
+    t.bias = NULL;
+    for (int k = 1; k < m->types.count; k++) {
+        const lf_block_matrix a = {w + (2 * k - 1) * size, in_step, out_step},
+                              b = {a.w + size, in_step, out_step};
+        const lf_real *re = x + (2 * k - 1) * ci * LF_WIDE, *im = re + ci * LF_WIDE;
+        t.w = a;
+        t.w2 = b;
+        t.x = re;
+        t.x2 = im;
+        t.sign = -sign;
+        lf_block_product(&t, co, y + (2 * k - 1) * co * LF_WIDE);
+        t.x = im;
+        t.x2 = re;
+        t.sign = sign;
+        lf_block_product(&t, co, y + 2 * k * co * LF_WIDE);
+    }
+}
+
+/* dw of all groups, which are rx and ry numbers apart. */
+static inline void lf_group_map_weights(const lf_group_map *m, long groups, const lf_real *x,
+                                        long rx, const lf_real *dy, long ry, lf_real *dw)
+{
+    const long ci = m->in, co = m->out;
+    lf_block_pairs p = {groups, rx, ry, x, dy, NULL, NULL, 0};
+    lf_block_outer(&p, ci, co, dw, co, 1);
+    for (int k = 1; k < m->types.count; k++) {
+        const long plane = 2 * k - 1;
+        const lf_real *re = x + plane * ci * LF_WIDE, *im = re + ci * LF_WIDE;
+        const lf_real *gr = dy + plane * co * LF_WIDE, *gi = gr + co * LF_WIDE;
+        p = (lf_block_pairs){groups, rx, ry, re, gr, im, gi, 1};
+        lf_block_outer(&p, ci, co, dw + plane * ci * co, co, 1);
+        p = (lf_block_pairs){groups, rx, ry, re, gi, im, gr, -1};
+        lf_block_outer(&p, ci, co, dw + (plane + 1) * ci * co, co, 1);
+    }
+}
+
+/* ---- invariants and gates
+ * ------------------------------------------------------------------------ */
+
+static inline void lf_group_invariants(int count, long c, const lf_real *x, lf_real *n)
+{
+    memcpy(n, x, (size_t)(c * LF_WIDE) * sizeof *n);
+    for (long k = 1; k < count; k++)
+        for (long i = 0; i < c; i++)
+            for (int h = 0; h < LF_PARTS; h++) {
+                const lf_vec re = lf_block_get(x, (2 * k - 1) * c + i, h);
+                const lf_vec im = lf_block_get(x, 2 * k * c + i, h);
+                lf_block_set(n, k * c + i, h, lf_vec_sqrt(re * re + im * im + (lf_real)1e-12));
+            }
+}
+
+/* dx += the adjoint, from the norms n and their gradient dn. */
+static inline void lf_group_invariants_backward(int count, long c, const lf_real *x,
+                                                const lf_real *n, const lf_real *dn, lf_real *dx)
+{
+    for (int h = 0; h < LF_PARTS; h++) {
+        for (long i = 0; i < c; i++)
+            lf_block_add(dx, i, h, lf_block_get(dn, i, h));
+        for (long k = 1; k < count; k++)
+            for (long i = 0; i < c; i++) {
+                const long re = (2 * k - 1) * c + i, im = re + c;
+                const lf_vec f = lf_block_get(dn, k * c + i, h) / lf_block_get(n, k * c + i, h);
+                lf_block_add(dx, re, h, f * lf_block_get(x, re, h));
+                lf_block_add(dx, im, h, f * lf_block_get(x, im, h));
+            }
+    }
+}
+
+/* Logits in `gate` become what is kept; y from x. */
+static inline void lf_group_gate(int count, long c, const lf_real *x, lf_real *gate, lf_real *y)
+{
+    for (int h = 0; h < LF_PARTS; h++) {
+        for (long i = 0; i < c; i++) {
+            lf_vec slope;
+            const lf_vec e = lf_vec_elu(lf_block_get(gate, i, h), &slope);
+            lf_block_set(y, i, h, lf_block_get(x, i, h) + e);
+            lf_block_set(gate, i, h, slope);
+        }
+        for (long k = 1; k < count; k++)
+            for (long i = 0; i < c; i++) {
+                const long re = (2 * k - 1) * c + i, im = re + c;
+                const lf_vec g = lf_vec_sigmoid(lf_block_get(gate, k * c + i, h));
+                lf_block_set(y, re, h, g * lf_block_get(x, re, h));
+                lf_block_set(y, im, h, g * lf_block_get(x, im, h));
+                lf_block_set(gate, k * c + i, h, g);
+            }
+    }
+}
+
+/* dx += g dy, and the gradient dl of the logits. */
+static inline void lf_group_gate_backward(int count, long c, const lf_real *x, const lf_real *gate,
+                                          const lf_real *dy, lf_real *dx, lf_real *dl)
+{
+    for (int h = 0; h < LF_PARTS; h++) {
+        for (long i = 0; i < c; i++) {
+            const lf_vec d = lf_block_get(dy, i, h);
+            lf_block_add(dx, i, h, d);
+            lf_block_set(dl, i, h, lf_block_get(gate, i, h) * d);
+        }
+        for (long k = 1; k < count; k++)
+            for (long i = 0; i < c; i++) {
+                const long re = (2 * k - 1) * c + i, im = re + c;
+                const lf_vec g = lf_block_get(gate, k * c + i, h);
+                const lf_vec dr = lf_block_get(dy, re, h), di = lf_block_get(dy, im, h);
+                lf_block_add(dx, re, h, g * dr);
+                lf_block_add(dx, im, h, g * di);
+                lf_block_set(dl, k * c + i, h,
+                             g * (1 - g) *
+                                 (dr * lf_block_get(x, re, h) + di * lf_block_get(x, im, h)));
+            }
+    }
+}
+
+#endif
