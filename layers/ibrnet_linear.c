@@ -86,11 +86,29 @@ static int parts_back(const lf_node *node, lf_lanes_product *job)
     return count;
 }
 
+/* dw and db from dz. */
+static void matrix_gradients(const lf_node *node)
+{
+    const lf_tensor *w = node->in[W], *bias = node->in[BIAS], *z = node->out[0];
+    const long rows = z->dim[0], out = w->dim[1];
+    lf_real *panels = lf_alloc_reals(node->tape, z->size);
+    lf_real *scratch = lf_alloc_reals(node->tape, lf_lanes_outer_scratch(rows));
+    lf_lanes_panels(rows, out, z->grad, panels);
+    if (bias && bias->grad)
+        lf_lanes_sums(rows, out, panels, bias->grad);
+    long from = 0;
+    for (int k = PARTS; w->grad && k < node->n_in; k++) {
+        const lf_tensor *x = node->in[k];
+        lf_lanes_outer(rows, x->dim[1], x->value, out, panels, w->grad + from * out, scratch);
+        from += x->dim[1];
+    }
+}
+
 static void backward(const lf_node *node)
 {
     const linear *t = node->saved;
     const lf_tensor *w = node->in[W], *bias = node->in[BIAS], *y = node->out[0];
-    const long out = w->dim[1], size = out * LF_LANES;
+    const long size = w->dim[1] * LF_LANES;
     lf_lanes_product job[LF_LANES_PARTS];
     const int count = parts_back(node, job);
     for (long r = 0, rows; r < y->dim[0]; r += rows) {
@@ -101,14 +119,8 @@ static void backward(const lf_node *node)
         for (int k = 0; k < count; k++)
             lf_lanes_product_rows(&job[k], r, rows);
     }
-    if (bias && bias->grad)
-        lf_lanes_sums(y->dim[0], out, y->grad, bias->grad);
-    long from = 0;
-    for (int k = PARTS; w->grad && k < node->n_in; k++) {
-        const lf_tensor *x = node->in[k];
-        lf_lanes_outer(y->dim[0], x->dim[1], x->value, out, y->grad, w->grad + from * out);
-        from += x->dim[1];
-    }
+    if (w->grad || (bias && bias->grad))
+        matrix_gradients(node);
 }
 
 /* ---- the op ------------------------------------------------------------------------------------
