@@ -176,51 +176,40 @@ static void outer_any(long rows, const lf_real *x, const lf_real *z, lf_real *w,
     }
 }
 
-/* The channels [first, first + count) of x [R, c, L] -> [R, count, L]. */
-static void pick(long rows, long c, const lf_real *x, long first, long count, lf_real *to)
+/* Rows [first, first + count) of x [rows, c, L] into panels of at most `most` channels. */
+LF_INLINE void panel_rows(long rows, long first, long count, long c, const lf_real *x,
+                          const long most, lf_real *panels)
 {
-    for (long r = 0; r < rows; r++)
-        for (long i = 0; i < count; i++)
-            lf_vec_store(to + (r * count + i) * LF_LANES,
-                         lf_vec_load(x + (r * c + first + i) * LF_LANES));
-}
-
-void lf_lanes_panels(long rows, long co, const lf_real *z, lf_real *panels)
-{
-    for (long o = 0, outs; o < co; o += outs) {
-        outs = lf_next_part(co - o, OUTER_OUT);
-        pick(rows, co, z, o, outs, panels + o * rows * LF_LANES);
+    for (long i = 0, here; i < c; i += here) {
+        here = lf_next_part(c - i, most);
+        for (long r = first; r < first + count; r++)
+            for (long k = 0; k < here; k++)
+                lf_vec_store(panels + (i * rows + r * here + k) * LF_LANES,
+                             lf_vec_load(x + (r * c + i + k) * LF_LANES));
     }
 }
 
-long lf_lanes_outer_scratch(long rows)
+void lf_lanes_left_panels(long rows, long first, long count, long c, const lf_real *x,
+                          lf_real *panels)
 {
-    return rows * OUTER_IN * LF_LANES;
+    panel_rows(rows, first, count, c, x, OUTER_IN, panels);
 }
 
-void lf_lanes_outer(long rows, long ci, const lf_real *x, long co, const lf_real *panels,
-                    lf_real *w, lf_real *scratch)
+void lf_lanes_right_panels(long rows, long first, long count, long c, const lf_real *z,
+                           lf_real *panels)
+{
+    panel_rows(rows, first, count, c, z, OUTER_OUT, panels);
+}
+
+void lf_lanes_outer(long rows, long ci, const lf_real *left, long co, const lf_real *right,
+                    lf_real *w)
 {
     for (long i = 0, ins; i < ci; i += ins) {
         ins = lf_next_part(ci - i, OUTER_IN);
-        pick(rows, ci, x, i, ins, scratch);
         for (long o = 0, outs; o < co; o += outs) {
             outs = lf_next_part(co - o, OUTER_OUT);
-            outer_any(rows, scratch, panels + o * rows * LF_LANES, w + i * co + o, co, ins, outs);
+            outer_any(rows, left + i * rows * LF_LANES, right + o * rows * LF_LANES, w + i * co + o,
+                      co, ins, outs);
         }
-    }
-}
-
-void lf_lanes_sums(long rows, long co, const lf_real *panels, lf_real *sum)
-{
-    for (long o = 0, outs; o < co; o += outs) {
-        outs = lf_next_part(co - o, OUTER_OUT);
-        const lf_real *z = panels + o * rows * LF_LANES;
-        lf_vec total[OUTER_OUT] = {{0}};
-        for (long r = 0; r < rows; r++)
-            for (long k = 0; k < outs; k++)
-                total[k] += lf_vec_load(z + (r * outs + k) * LF_LANES);
-        for (long k = 0; k < outs; k++)
-            sum[o + k] += lf_vec_total(total[k]);
     }
 }
