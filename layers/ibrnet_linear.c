@@ -53,62 +53,96 @@ static long next_rows(long left)
 /* ---- backward ----------------------------------------------------------------------------------
  */
 
-/* db and dp of some rows. */
-static void offset_gradients(const lf_node *node, long first, long rows)
+/* What the walk over the rows leaves for the sums over all of them. */
+typedef struct backward_work {
+    lf_real *left[LF_LANES_PARTS], *right; /* panels of x and of dz; right NULL: no dw */
+    lf_real *bias;                         /* [Co, L] partial sums, or NULL */
+    lf_lanes_product job[LF_LANES_PARTS];  /* dz w^T of the parts that want a gradient */
+    int jobs;
+} backward_work;
+
+/* db, dp and the panels of some rows. */
+static void add_rows(const lf_node *node, const backward_work *work, long first, long rows)
 {
     const linear *t = node->saved;
     const lf_tensor *p = node->in[POINT], *y = node->out[0];
-    const long size = y->dim[1] * LF_LANES;
-    for (long r = first; p && p->grad && r < first + rows; r++)
-        add(size, y->grad + r * size, p->grad + t->lanes->block[r] * size);
+    const long all = y->dim[0], out = y->dim[1], size = out * LF_LANES;
+    for (long r = first; r < first + rows; r++) {
+        if (p && p->grad)
+            add(size, y->grad + r * size, p->grad + t->lanes->block[r] * size);
+        if (work->bias)
+            add(size, y->grad + r * size, work->bias);
+    }
+    if (!work->right)
+        return;
+    lf_lanes_right_panels(all, first, rows, out, y->grad, work->right);
+    for (int k = 0; k < node->n_in - PARTS; k++) {
+        const lf_tensor *x = node->in[PARTS + k];
+        lf_lanes_left_panels(all, first, rows, x->dim[1], x->value, work->left[k]);
+    }
 }
 
-/* The products dz w^T of the parts that want a gradient. */
-static int parts_back(const lf_node *node, lf_lanes_product *job)
+static void open_work(const lf_node *node, backward_work *work)
 {
-    const lf_tensor *w = node->in[W], *y = node->out[0];
+    const lf_tensor *w = node->in[W], *bias = node->in[BIAS], *y = node->out[0];
+    const long out = w->dim[1];
+    *work = (backward_work){.jobs = 0};
+    if (w->grad)
+        work->right = lf_alloc_reals(node->tape, y->size);
+    if (bias && bias->grad) {
+        work->bias = lf_alloc_reals(node->tape, out * LF_LANES);
+        memset(work->bias, 0, (size_t)(out * LF_LANES) * sizeof(lf_real));
+    }
     long from = 0;
-    int count = 0;
-    for (int k = PARTS; k < node->n_in; k++) {
-        const lf_tensor *x = node->in[k];
+    for (int k = 0; k < node->n_in - PARTS; k++) {
+        const lf_tensor *x = node->in[PARTS + k];
+        if (w->grad)
+            work->left[k] = lf_alloc_reals(node->tape, x->size);
         if (x->grad)
-            job[count++] = (lf_lanes_product){.parts = 1,
-                                              .x = {y->grad},
-                                              .c = {w->dim[1]},
-                                              .w = w->value + from * w->dim[1],
-                                              .step = w->dim[1],
-                                              .turned = true,
-                                              .y = x->grad,
-                                              .out = x->dim[1],
-                                              .accumulate = true};
+            work->job[work->jobs++] = (lf_lanes_product){.parts = 1,
+                                                         .x = {y->grad},
+                                                         .c = {out},
+                                                         .w = w->value + from * out,
+                                                         .step = out,
+                                                         .turned = true,
+                                                         .y = x->grad,
+                                                         .out = x->dim[1],
+                                                         .accumulate = true};
         from += x->dim[1];
     }
-    return count;
+}
+
+/* dw and db. */
+static void close_work(const lf_node *node, const backward_work *work)
+{
+    const lf_tensor *w = node->in[W], *y = node->out[0];
+    const long out = w->dim[1];
+    for (long o = 0; work->bias && o < out; o++)
+        node->in[BIAS]->grad[o] += lf_vec_total(lf_vec_load(work->bias + o * LF_LANES));
+    long from = 0;
+    for (int k = 0; work->right && k < node->n_in - PARTS; k++) {
+        const long in = node->in[PARTS + k]->dim[1];
+        lf_lanes_outer(y->dim[0], in, work->left[k], out, work->right, w->grad + from * out);
+        from += in;
+    }
 }
 
 static void backward(const lf_node *node)
 {
     const linear *t = node->saved;
-    const lf_tensor *w = node->in[W], *bias = node->in[BIAS], *y = node->out[0];
-    const long out = w->dim[1], size = out * LF_LANES;
-    lf_lanes_product job[LF_LANES_PARTS];
-    const int count = parts_back(node, job);
+    const lf_tensor *y = node->out[0];
+    const long size = y->dim[1] * LF_LANES;
+    backward_work work;
+    open_work(node, &work);
     for (long r = 0, rows; r < y->dim[0]; r += rows) {
         rows = next_rows(y->dim[0] - r);
         if (t->act == LF_ELU)
             behind_elu(rows * size, y->value + r * size, y->grad + r * size);
-        offset_gradients(node, r, rows);
-        for (int k = 0; k < count; k++)
-            lf_lanes_product_rows(&job[k], r, rows);
+        add_rows(node, &work, r, rows);
+        for (int k = 0; k < work.jobs; k++)
+            lf_lanes_product_rows(&work.job[k], r, rows);
     }
-    if (bias && bias->grad)
-        lf_lanes_sums(y->dim[0], out, y->grad, bias->grad);
-    long from = 0;
-    for (int k = PARTS; w->grad && k < node->n_in; k++) {
-        const lf_tensor *x = node->in[k];
-        lf_lanes_outer(y->dim[0], x->dim[1], x->value, out, y->grad, w->grad + from * out);
-        from += x->dim[1];
-    }
+    close_work(node, &work);
 }
 
 /* ---- the op ------------------------------------------------------------------------------------

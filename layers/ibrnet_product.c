@@ -4,6 +4,8 @@
  *   product   two rows by OUTS results; a term is two loads of x and OUTS numbers of w
  *   outer     OUTER_IN by OUTER_OUT numbers of w, each a vector of partial sums over the points,
  *             added up across the vector at the end
+ * Both operands of outer are copied to where a tile reads them in order: rows of 32 or 64 channels
+ * would meet in a few sets of the cache.
  * Each sum has one order, whatever the tile's size.
  */
 #include "autograd/kernels/tile.h"
@@ -97,36 +99,55 @@ void lf_lanes_product_rows(const lf_lanes_product *p, long first, long rows)
 /* ---- outer -------------------------------------------------------------------------------------
  */
 
-/* A tile of w[i, o] += sum over rows and lanes of x[r, i, l] z[r, o, l]. */
-LF_INLINE void outer_tile(long rows, long ci, const lf_real *x, long co, const lf_real *z,
-                          lf_real *w, const int ins, const int outs)
+/* Loads a vector once: without it GCC reads it from memory in every product. */
+#if defined(__x86_64__) && defined(__AVX__)
+#define IN_REGISTER(v) __asm__("" : "+x"(v))
+#else
+#define IN_REGISTER(v) (void)0
+#endif
+
+/* A tile of w[i, o] += sum over rows and lanes of x[r, i, l] z[r, o, l]: x [R, ins, L], z [R, outs,
+ * L]. */
+LF_INLINE void outer_tile(long rows, const lf_real *x, const lf_real *z, lf_real *w, long step,
+                          const int ins, const int outs)
 {
-    lf_vec sum[OUTER_IN * OUTER_OUT + LF_LANES] = {{0}};
-    for (long r = 0; r < rows; r++, x += ci * LF_LANES, z += co * LF_LANES) {
+    lf_vec sum[OUTER_IN * OUTER_OUT];
+#pragma GCC unroll 24
+    for (int k = 0; k < ins * outs; k++)
+        sum[k] = (lf_vec){0};
+    for (long r = 0; r < rows; r++, x += ins * LF_LANES, z += outs * LF_LANES) {
         lf_vec g[OUTER_OUT];
 #pragma GCC unroll 4
-        for (int o = 0; o < outs; o++)
+        for (int o = 0; o < outs; o++) {
             g[o] = lf_vec_load(z + o * LF_LANES);
+            IN_REGISTER(g[o]);
+        }
 #pragma GCC unroll 6
         for (int i = 0; i < ins; i++) {
-            const lf_vec a = lf_vec_load(x + i * LF_LANES);
+            lf_vec a = lf_vec_load(x + i * LF_LANES);
+            IN_REGISTER(a);
 #pragma GCC unroll 4
             for (int o = 0; o < outs; o++)
                 sum[i * outs + o] += a * g[o];
         }
     }
     lf_real total[OUTER_IN * OUTER_OUT + LF_LANES];
+#pragma GCC unroll 24
+    for (int k = 0; k < ins * outs; k += LF_LANES) {
+        lf_vec part[LF_LANES];
 #pragma GCC unroll 16
-    for (int k = 0; k < ins * outs; k += LF_LANES)
-        lf_vec_store(total + k, lf_vec_fold(sum + k));
+        for (int l = 0; l < LF_LANES; l++)
+            part[l] = k + l < ins * outs ? sum[k + l] : (lf_vec){0};
+        lf_vec_store(total + k, lf_vec_fold(part));
+    }
     for (int i = 0; i < ins; i++)
         for (int o = 0; o < outs; o++)
-            w[i * co + o] += total[i * outs + o];
+            w[i * step + o] += total[i * outs + o];
 }
 
 #define OUTER(ins, outs)                                                                           \
     case outs:                                                                                     \
-        outer_tile(rows, ci, x, co, z, w, ins, outs);                                              \
+        outer_tile(rows, x, z, w, step, ins, outs);                                                \
         break;
 #if defined(__AVX512F__) || defined(__aarch64__)
 #define WIDEST_OUTER(ins) OUTER(ins, 4)
@@ -140,7 +161,7 @@ LF_INLINE void outer_tile(long rows, long ci, const lf_real *x, long co, const l
         }                                                                                          \
         break;
 
-static void outer_any(long rows, long ci, const lf_real *x, long co, const lf_real *z, lf_real *w,
+static void outer_any(long rows, const lf_real *x, const lf_real *z, lf_real *w, long step,
                       long ins, long outs)
 {
     switch (ins) {
@@ -155,24 +176,40 @@ static void outer_any(long rows, long ci, const lf_real *x, long co, const lf_re
     }
 }
 
-/* Few channels of x stay in the cache while z passes. */
-void lf_lanes_outer(long rows, long ci, const lf_real *x, long co, const lf_real *z, lf_real *w)
+/* Rows [first, first + count) of x [rows, c, L] into panels of at most `most` channels. */
+LF_INLINE void panel_rows(long rows, long first, long count, long c, const lf_real *x,
+                          const long most, lf_real *panels)
+{
+    for (long i = 0, here; i < c; i += here) {
+        here = lf_next_part(c - i, most);
+        for (long r = first; r < first + count; r++)
+            for (long k = 0; k < here; k++)
+                lf_vec_store(panels + (i * rows + r * here + k) * LF_LANES,
+                             lf_vec_load(x + (r * c + i + k) * LF_LANES));
+    }
+}
+
+void lf_lanes_left_panels(long rows, long first, long count, long c, const lf_real *x,
+                          lf_real *panels)
+{
+    panel_rows(rows, first, count, c, x, OUTER_IN, panels);
+}
+
+void lf_lanes_right_panels(long rows, long first, long count, long c, const lf_real *z,
+                           lf_real *panels)
+{
+    panel_rows(rows, first, count, c, z, OUTER_OUT, panels);
+}
+
+void lf_lanes_outer(long rows, long ci, const lf_real *left, long co, const lf_real *right,
+                    lf_real *w)
 {
     for (long i = 0, ins; i < ci; i += ins) {
         ins = lf_next_part(ci - i, OUTER_IN);
         for (long o = 0, outs; o < co; o += outs) {
             outs = lf_next_part(co - o, OUTER_OUT);
-            outer_any(rows, ci, x + i * LF_LANES, co, z + o * LF_LANES, w + i * co + o, ins, outs);
+            outer_any(rows, left + i * rows * LF_LANES, right + o * rows * LF_LANES, w + i * co + o,
+                      co, ins, outs);
         }
-    }
-}
-
-void lf_lanes_sums(long rows, long co, const lf_real *z, lf_real *sum)
-{
-    for (long o = 0; o < co; o++) {
-        lf_vec v = {0};
-        for (long r = 0; r < rows; r++)
-            v += lf_vec_load(z + (r * co + o) * LF_LANES);
-        sum[o] += lf_vec_total(v);
     }
 }

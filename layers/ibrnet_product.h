@@ -24,10 +24,15 @@ typedef struct lf_lanes_product {
 /* y = bias + x w or y += x w, the rows [first, first + rows), at most LF_LANES_ROWS of them. */
 void lf_lanes_product_rows(const lf_lanes_product *p, long first, long rows);
 
-/* w[i, o] += sum over rows and lanes of x[r, i, l] z[r, o, l]: x [R, ci, L], z [R, co, L]. */
-void lf_lanes_outer(long rows, long ci, const lf_real *x, long co, const lf_real *z, lf_real *w);
+/* The rows [first, first + count) of the operands of the sum below into the order that it reads
+ * them in: x [R, c, L] as the left one, z [R, c, L] as the right one; panels [R c L]. */
+void lf_lanes_left_panels(long rows, long first, long count, long c, const lf_real *x,
+                          lf_real *panels);
+void lf_lanes_right_panels(long rows, long first, long count, long c, const lf_real *z,
+                           lf_real *panels);
 
-/* sum[o] += sum over rows and lanes of z[r, o, l] */
-void lf_lanes_sums(long rows, long co, const lf_real *z, lf_real *sum);
+/* w[i, o] += sum over rows and lanes of x[r, i, l] z[r, o, l], both as panels of all rows. */
+void lf_lanes_outer(long rows, long ci, const lf_real *left, long co, const lf_real *right,
+                    lf_real *w);
 
 #endif
