@@ -100,7 +100,9 @@ void lf_lanes_product_rows(const lf_lanes_product *p, long first, long rows)
  */
 
 /* Loads a vector once: without it GCC reads it from memory in every product. */
-#if defined(__x86_64__) && defined(__AVX__)
+#if defined(__AVX512F__)
+#define IN_REGISTER(v) __asm__("" : "+v"(v))
+#elif defined(__AVX__)
 #define IN_REGISTER(v) __asm__("" : "+x"(v))
 #else
 #define IN_REGISTER(v) (void)0
