@@ -141,6 +141,19 @@ static void refining_three_samples(void **state)
     assert_close(larger(out[1] == 3 ? out[2] : out[1], 0), middle, 1e-12, 0);
 }
 
+/* No inner sample: even in 1 / depth between the two. */
+static void refining_two_samples(void **state)
+{
+    (void)state;
+    const double z[2] = {2, 4};
+    const lf_real weight[2] = {1, 0};
+    double out[4];
+    lf_refine(2, z, weight, 2, NULL, out);
+    assert_true(out[0] == 2 && out[3] == 4);
+    assert_close(out[1], 16 / 7.0, 1e-12, 0);
+    assert_close(out[2], 16 / 5.0, 1e-12, 0);
+}
+
 /* ---- projection ---- */
 
 /* Camera at `centre` that looks along z, focal length 8, in powers of two: exact. */
@@ -422,6 +435,7 @@ int main(void)
         cmocka_unit_test(no_weight_spreads_evenly),
         cmocka_unit_test(places_follow_the_weights),
         cmocka_unit_test(refining_three_samples),
+        cmocka_unit_test(refining_two_samples),
         cmocka_unit_test(pixel_centres_are_integers),
         cmocka_unit_test(the_border_belongs_to_the_picture),
         cmocka_unit_test(behind_a_camera_is_unseen),
