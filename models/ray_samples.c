@@ -22,6 +22,15 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/* One depth in each of `count` strata of equal size between the inverse depths a and b. */
+static void spread(double a, double b, long count, lf_stream *stream, double *out)
+{
+    for (long i = 0; i < count; i++) {
+        const double t = ((double)i + (stream ? lf_uniform(stream) : 0.5)) / (double)count;
+        out[i] = 1 / (a + t * (b - a));
+    }
+}
+
 /* Bins i = 0 .. samples - 3 between the middles i and i + 1, of weight[i + 1]. */
 void lf_refine(long samples, const double *depth, const lf_real *weight, long fine,
                lf_stream *stream, double *out)
@@ -30,7 +39,11 @@ void lf_refine(long samples, const double *depth, const lf_real *weight, long fi
     double total = 0, below = 0;
     for (long i = 0; i < samples; i++)
         out[i] = depth[i];
-    LF_REQUIRE(bins >= 1, "refining %ld samples: needs 3", samples);
+    if (bins < 1) {
+        spread(1 / depth[0], 1 / depth[samples - 1], fine, stream, out + samples);
+        qsort(out, (size_t)(samples + fine), sizeof *out, by_size);
+        return;
+    }
     for (long i = 0; i < bins; i++)
         total += (double)weight[i + 1] + 1e-5;
     long bin = 0;

@@ -38,7 +38,8 @@ void lf_strata(long samples, double near, double far, lf_stream *stream, double 
 /* `fine` more depths where the weights [samples] of the depths [samples] are large, and all of them
  * sorted: out [samples + fine]. The inner weights + 1e-5 are a density that is constant between
  * the middles of neighbouring depths, in 1 / depth; it is inverted at random places, or at evenly
- * spaced ones if stream is NULL.                                                  [method.md 5b.1]
+ * spaced ones if stream is NULL. Two samples have no inner one: even between them.
+ *                                                                               [method.md 5b.1]
  */
 void lf_refine(long samples, const double *depth, const lf_real *weight, long fine,
                lf_stream *stream, double *out);

@@ -419,10 +419,12 @@ static bool inside(const lf_bounds *b, const double p[3])
     return b->radius <= 0 || x * x + y * y + z * z <= b->radius * b->radius;
 }
 
-/* Keep the depths of one ray that may show something; returns their number. */
-static long keep_samples(const evaluation *e, lf_tape *tape, long ray, long samples, double *depth)
+/* Keep the depths of one ray that may show something, and their numbers; returns how many. */
+static long keep_samples(const evaluation *e, lf_tape *tape, long ray, long samples, double *depth,
+                         long *number)
 {
     const lf_render_work *w = e->work;
+    const lf_mark mark = lf_tape_mark(tape);
     const lf_seen_samples seen =
         lf_see_samples(tape, e->rays, ray, 1, samples, depth, w->views, w->source);
     long kept = 0;
@@ -430,9 +432,12 @@ static long keep_samples(const evaluation *e, lf_tape *tape, long ray, long samp
         bool any = !e->savings->unseen;
         for (long v = 0; !any && v < w->views; v++)
             any = seen.seen[i * w->views + v];
-        if (any && inside(&e->savings->bounds, seen.point + 3 * i))
-            depth[kept++] = depth[i];
+        if (any && inside(&e->savings->bounds, seen.point + 3 * i)) {
+            depth[kept] = depth[i];
+            number[kept++] = i;
+        }
     }
+    lf_tape_release(tape, mark);
     return kept;
 }
 
@@ -464,84 +469,84 @@ static void write_ray(const evaluation *e, long ray, const lf_rendered *r, long 
         opacity > 1e-3 ? (float)((double)r->depth->value[row] / opacity) : (float)e->rays->far;
 }
 
-/* (sample, view) pairs of a pass. */
-static long rows_of(const passed *p)
+/* One network on the rays of a tile, without gradient. */
+static passed look(const evaluation *e, lf_tape *tape, const tile *t, int network, long *rows)
 {
-    return p->geometry->rays * p->geometry->samples * p->geometry->views;
-}
-
-static const passed *fine_pass(const evaluation *e, lf_tape *tape, const tile *t,
-                               const passed *coarse, lf_tensor *maps, passed *out)
-{
-    const lf_renderer_config *c = &e->work->model->config;
-    const long all = t->samples + c->fine;
-    double *depth = lf_alloc(tape, (size_t)(t->count * all) * sizeof *depth);
-    for (long i = 0; i < t->count; i++)
-        lf_refine(t->samples, t->depth + i * t->samples,
-                  coarse->rendered.weight->value + i * t->samples, c->fine, NULL, depth + i * all);
-    tile fine = *t;
-    fine.samples = all;
-    fine.depth = depth;
-    if (t->count == 1 && e->savings->stop > 0)
-        fine.samples = stop_samples(coarse->rendered.weight->value, t->samples, t->depth,
-                                    e->savings->stop, all, depth);
-    *out = pass(tape, e->work, &fine, LF_FINE, maps);
-    return out;
-}
-
-/* No sample of the coarse pass of one ray has more weight than savings allow to pass over. */
-static bool is_empty(const evaluation *e, const passed *p)
-{
-    double opacity = 0;
-    for (long i = 0; i < p->rendered.weight->size; i++)
-        opacity += (double)p->rendered.weight->value[i];
-    return opacity <= e->savings->empty;
-}
-
-static long run_rays(const evaluation *e, lf_tape *tape, const tile *t)
-{
-    passed coarse, fine;
     lf_tensor *maps = lf_leaf(tape, 1, LF_DIMS(e->work->maps_size), e->work->maps, NULL);
-    coarse = pass(tape, e->work, t, LF_COARSE, maps);
-    long rows = rows_of(&coarse);
-    const passed *last = &coarse;
-    const bool refine =
-        e->work->model->networks > 1 && t->samples > 2 && !(t->count == 1 && is_empty(e, &coarse));
-    if (refine) {
-        last = fine_pass(e, tape, t, &coarse, maps, &fine);
-        rows += rows_of(last);
-    }
+    const passed p = pass(tape, e->work, t, network, maps);
+    *rows += p.geometry->rays * p.geometry->samples * p.geometry->views;
+    return p;
+}
+
+static void write_rays(const evaluation *e, const tile *t, const passed *p)
+{
     for (long i = 0; i < t->count; i++)
-        write_ray(e, t->from + i, &last->rendered, i);
-    return rows;
+        write_ray(e, t->from + i, &p->rendered, i);
 }
 
 /* Rays with as many samples each, together. */
 static long run_plain(const evaluation *e, lf_tape *tape, long from, long count)
 {
-    const long samples = e->work->model->config.samples;
+    const lf_renderer_config *c = &e->work->model->config;
+    const long samples = c->samples, all = samples + c->fine;
+    long rows = 0;
     lf_tape_reset(tape);
-    double *depth = lf_alloc(tape, (size_t)(count * samples) * sizeof *depth);
+    double *depth = lf_alloc(tape, (size_t)(count * all) * sizeof *depth);
+    double *coarse = lf_alloc(tape, (size_t)(count * samples) * sizeof *coarse);
     for (long i = 0; i < count; i++)
-        lf_strata(samples, e->rays->near, e->rays->far, NULL, depth + i * samples);
-    const tile t = {e->rays, from, count, samples, depth, e->white};
-    return run_rays(e, tape, &t);
+        lf_strata(samples, e->rays->near, e->rays->far, NULL, coarse + i * samples);
+    tile t = {e->rays, from, count, samples, coarse, e->white};
+    passed p = look(e, tape, &t, LF_COARSE, &rows);
+    if (e->work->model->networks > 1) {
+        const lf_real *weight = p.rendered.weight->value;
+        for (long i = 0; i < count; i++)
+            lf_refine(samples, coarse + i * samples, weight + i * samples, c->fine, NULL,
+                      depth + i * all);
+        t.samples = all;
+        t.depth = depth;
+        p = look(e, tape, &t, LF_FINE, &rows);
+    }
+    write_rays(e, &t, &p);
+    return rows;
 }
 
-/* One ray with the samples that it needs. */
+/* One ray with the samples that it needs, of those that it would have: places of fine samples
+ * follow the weights of all coarse ones, 0 where one was left out. */
 static long run_saving(const evaluation *e, lf_tape *tape, long ray)
 {
-    const long samples = e->work->model->config.samples;
+    const lf_renderer_config *c = &e->work->model->config;
+    const long samples = c->samples, all = samples + c->fine;
+    long rows = 0;
     lf_tape_reset(tape);
-    double *depth = lf_alloc(tape, (size_t)samples * sizeof *depth);
-    lf_strata(samples, e->rays->near, e->rays->far, NULL, depth);
-    const long kept = keep_samples(e, tape, ray, samples, depth);
-    if (kept == 0) {
-        write_ray(e, ray, NULL, 0);
-        return 0;
+    double *coarse = lf_alloc(tape, (size_t)samples * sizeof *coarse);
+    double *depth = lf_alloc(tape, (size_t)all * sizeof *depth);
+    long *number = lf_alloc(tape, (size_t)all * sizeof *number);
+    lf_real *weight = lf_alloc_reals(tape, samples);
+    double opacity = 0;
+    lf_strata(samples, e->rays->near, e->rays->far, NULL, coarse);
+    memcpy(depth, coarse, (size_t)samples * sizeof *depth);
+    memset(weight, 0, (size_t)samples * sizeof *weight);
+    tile t = {e->rays, ray, 1, keep_samples(e, tape, ray, samples, depth, number), depth, e->white};
+    passed p;
+    if (t.samples)
+        p = look(e, tape, &t, LF_COARSE, &rows);
+    for (long i = 0; i < t.samples; i++) {
+        weight[number[i]] = p.rendered.weight->value[i];
+        opacity += (double)weight[number[i]];
     }
-    const tile t = {e->rays, ray, 1, kept, depth, e->white};
-    return run_rays(e, tape, &t);
+    if (e->work->model->networks > 1 && opacity > e->savings->empty) {
+        double *refined = lf_alloc(tape, (size_t)all * sizeof *refined);
+        lf_refine(samples, coarse, weight, c->fine, NULL, refined);
+        t.samples = e->savings->stop > 0
+                        ? stop_samples(weight, samples, coarse, e->savings->stop, all, refined)
+                        : all;
+        t.samples = keep_samples(e, tape, ray, t.samples, refined, number);
+        t.depth = refined;
+        if (t.samples)
+            p = look(e, tape, &t, LF_FINE, &rows);
+    }
+    write_ray(e, ray, t.samples ? &p.rendered : NULL, 0);
+    return rows;
 }
 
 static bool saves(const lf_render_savings *s)

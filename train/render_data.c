@@ -46,6 +46,39 @@ static lf_scene_set_options options_of(const lf_config *cfg)
 /* Numbers of built-in scenes that are only tested on begin here. */
 enum { FIRST_TEST = 1000000 };
 
+static lf_status check_pictures(const lf_config *cfg, const lf_scene_entry *e, lf_error *err)
+{
+    const lf_feature_net net = {.config = lf_renderer_config_from(cfg).features};
+    const long least = lf_feature_net_smallest(&net);
+    for (long v = 0; v < e->scene->views; v++) {
+        const lf_camera *c = &e->scene->view[v].camera;
+        if (c->width < least || c->height < least)
+            return lf_fail(
+                err, LF_BAD_INPUT,
+                "%s: a picture of %d x %d pixels, after reduction, and render.feature_net "
+                "= %s needs %ld x %ld: change data.longest, data.factor or "
+                "data.scene_size",
+                e->name, c->width, c->height,
+                net.config.kind == LF_FEATURES_SMALL ? "small" : "resnet34", least, least);
+    }
+    return LF_OK;
+}
+
+/* Training needs one view more than sources itself: see lf_render_batches_create. */
+static lf_status check_views(const lf_config *cfg, const lf_scene_entry *e, const char *split,
+                             lf_error *err)
+{
+    long targets;
+    const long sources = lf_config_int(cfg, "render.sources"), there = e->count[LF_SPLIT_TRAIN];
+    const bool themselves = lf_render_targets(e, split, &targets) == e->view[LF_SPLIT_TRAIN];
+    if (strcmp(split, "train") == 0 || there >= sources + themselves)
+        return LF_OK;
+    return lf_fail(err, LF_BAD_INPUT,
+                   "%s has %ld training views%s: too few for render.sources = %ld; lower it, or "
+                   "hold out fewer (data.hold_out)",
+                   e->name, there, themselves ? ", one of which is rendered" : "", sources);
+}
+
 lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
                            void *context, lf_scene_set **out, lf_error *err)
 {
@@ -62,7 +95,19 @@ lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set
     *out = NULL;
     if (!o.scenes && o.builtin == 0)
         return LF_OK;
-    return lf_scene_set_open(&o, progress, context, out, err);
+    lf_scene_set *set;
+    LF_TRY(lf_scene_set_open(&o, progress, context, &set, err));
+    lf_status status = LF_OK;
+    for (long i = 0; i < set->count && status == LF_OK; i++) {
+        status = check_pictures(cfg, &set->entry[i], err);
+        if (status == LF_OK)
+            status = check_views(cfg, &set->entry[i], split, err);
+    }
+    if (status == LF_OK)
+        *out = set;
+    else
+        lf_scene_set_close(set);
+    return status;
 }
 
 const long *lf_render_targets(const lf_scene_entry *e, const char *split, long *count)
