@@ -122,7 +122,7 @@ LF_INLINE void lf_block_add(lf_real *x, long i, int h, lf_vec v)
 /* Sums of the lanes of four vectors. */
 LF_INLINE void lf_vec_totals(const lf_vec v[4], lf_real out[4])
 {
-#if defined(__AVX__) && !defined(__AVX512F__) && !defined(LF_DOUBLE)
+#if LF_VEC_BYTES == 32 && !defined(LF_DOUBLE)
     const __m256 sums = _mm256_hadd_ps(_mm256_hadd_ps((__m256)v[0], (__m256)v[1]),
                                        _mm256_hadd_ps((__m256)v[2], (__m256)v[3]));
     _mm_storeu_ps(out, _mm_add_ps(_mm256_castps256_ps128(sums), _mm256_extractf128_ps(sums, 1)));

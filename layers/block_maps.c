@@ -48,8 +48,10 @@ static void fill_group(const lf_blocks *k, long b, long g, lf_real *mask, lf_rea
     }
 }
 
-lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *rays)
+lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *geometry)
 {
+    lf_light_geometry *rays = lf_alloc(tape, sizeof *rays); /* the backward needs it too */
+    *rays = *geometry;
     const long points = rays->rays * rays->samples, blocks = (points + W - 1) / W;
     const long planes = lf_types_planes(&rays->types);
     lf_blocks k = {rays, rays->types, points, blocks, 0, NULL, NULL, NULL, NULL, NULL, NULL};

@@ -19,7 +19,7 @@
 
 /* How light_geometry's points and views stand in blocks; lives on the tape. */
 typedef struct lf_blocks {
-    const lf_light_geometry *rays;
+    const lf_light_geometry *rays; /* a copy on the tape */
     lf_types types;
     long points, blocks, groups;
     const long *first;    /* [B + 1]: the groups of block b are first[b] .. first[b + 1] - 1 */
@@ -30,7 +30,7 @@ typedef struct lf_blocks {
     const lf_real *angle; /* [G, 3, W] */
 } lf_blocks;
 
-lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *rays);
+lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *geometry);
 
 /* Rows of views x [N, S, V, F] -> [G, 1, F, W]; rows that are not seen become 0 and get no
  * gradient. Rows of points [N, S, n] <-> [B, 1, n, W]. */

@@ -6,8 +6,8 @@ set -u
 root=${1:?usage: check_ops.sh ROOT}
 cd "$root" || exit 1
 failed=0
-for header in autograd/ops.h autograd/ops_image.h layers/layers.h layers/light_field.h layers/ibrnet.h \
-    layers/c8.h; do
+for header in autograd/ops.h autograd/ops_image.h layers/layers.h layers/light_field.h \
+    layers/light_blocks.h layers/ibrnet.h layers/c8.h; do
     case $header in
     layers/c8.h) places="tests/op_table_*.c tests/test_c8.c" ;;
     *) places="tests/op_table_*.c" ;;

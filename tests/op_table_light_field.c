@@ -1,6 +1,7 @@
 /* op_table_light_field.c: a row for every op and layer of layers/light_field.h. */
+#include "autograd/kernels/wide.h"
 #include "autograd/random.h"
-#include "layers/light_field.h"
+#include "layers/light_blocks.h"
 #include "tests/gradcheck.h"
 
 enum { N = 2, S = 4, V = 3, C = 2, T = 3, P = 5, F = 4 };
@@ -202,6 +203,90 @@ static int along_ray_layer(lf_tape *tape, lf_store *store, lf_tensor *const *in,
     return 1;
 }
 
+/* ---- the same in blocks ---- */
+
+typedef struct block_layers {
+    lf_ray_ray_convolution convolution;
+    lf_cross_attention_layer cross;
+    lf_so2_map map;
+    lf_mlp mlp;
+} block_layers;
+
+static block_layers make_block_layers(lf_store *store)
+{
+    block_layers l;
+    if (first_build(store, &l, sizeof l)) {
+        lf_ray_ray_convolution_init(store, &l.convolution, "conv", &types, F, C, 5);
+        lf_cross_attention_init(store, &l.cross, "cross", &types, F, C, 5, 2);
+        lf_so2_map_init(store, &l.map, "map", &types, C, 3, true);
+        lf_mlp_init(store, &l.mlp, "mlp", P * C, 1, LF_DIMS(4), 3);
+        l.mlp.act = LF_ELU;
+        keep(store, &l, sizeof l);
+    }
+    return l;
+}
+
+/* Convolution, keys and values, attention; f [N, S, V, F], point [N, S, P C]. */
+static int blocks_of_views(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    const lf_blocks k = lf_blocks_make(tape, &g);
+    const block_layers l = make_block_layers(store);
+    lf_tensor *f = lf_blocks_of_views(tape, &k, in[0]), *q = lf_blocks_of_points(tape, &k, in[1]);
+    lf_tensor *mean = lf_blocks_convolution(tape, &k, &l.convolution, f, true);
+    lf_tensor *view = lf_blocks_convolution(tape, &k, &l.convolution, f, false);
+    lf_tensor *key = lf_blocks_update(tape, &k, &l.cross.update[0], view, q);
+    const lf_attended y = lf_blocks_attention(tape, &k, q, key, view, 2);
+    out[0] = lf_blocks_rows(tape, &k, mean);
+    out[1] = lf_blocks_rows(tape, &k, y.field);
+    out[2] = y.weight;
+    return 3;
+}
+
+static int blocks_cross(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    const lf_blocks k = lf_blocks_make(tape, &g);
+    const block_layers l = make_block_layers(store);
+    const lf_attended y = lf_blocks_cross(tape, &k, &l.cross, lf_blocks_of_views(tape, &k, in[0]),
+                                          lf_blocks_of_points(tape, &k, in[1]));
+    out[0] = lf_blocks_rows(tape, &k, y.field);
+    out[1] = y.weight;
+    return 2;
+}
+
+/* x [N, S, P C], gain [T C], gates w [T C, T C], b [T C]. */
+static int blocks_of_points(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    const lf_blocks k = lf_blocks_make(tape, &g);
+    const block_layers l = make_block_layers(store);
+    lf_tensor *x = lf_blocks_of_points(tape, &k, in[0]);
+    x = lf_blocks_norm(tape, &types, x, in[1]);
+    lf_tensor *y = lf_blocks_gated(tape, &types, x, in[2], in[3]);
+    y = lf_blocks_map(tape, &types, &l.map, y);
+    out[0] = lf_blocks_rows(tape, &k, lf_blocks_invariants(tape, &types, y));
+    out[1] = lf_blocks_rows(tape, &k, lf_blocks_mlp(tape, &l.mlp, x));
+    out[2] = lf_blocks_rows(
+        tape, &k,
+        lf_blocks_linear(tape, x, lf_param(tape, l.mlp.layer[0].weight), NULL, LF_SIGMOID));
+    return 3;
+}
+
+static int blocks_along(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    const lf_light_geometry g = geometry(tape);
+    const lf_blocks k = lf_blocks_make(tape, &g);
+    lf_along_ray_layer l;
+    if (first_build(store, &l, sizeof l)) {
+        lf_along_ray_init(store, &l, "along", &types, C, 3, 2);
+        keep(store, &l, sizeof l);
+    }
+    lf_tensor *x = lf_blocks_of_points(tape, &k, in[0]);
+    out[0] = lf_blocks_rows(tape, &k, lf_blocks_along(tape, &k, &l, x));
+    return 1;
+}
+
 /* Two target and four source rays; the fields at three points of each. */
 static int fourier(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
@@ -304,6 +389,10 @@ const op_case light_field_cases[] = {
      5,
      0},
     {"along ray layer", along_ray_layer, {ROWS}, 1, 0},
+    {"blocks: views", blocks_of_views, {X(N, S, V, F), ROWS}, 2, 0},
+    {"blocks: cross attention layer", blocks_cross, {X(N, S, V, F), ROWS}, 2, 0},
+    {"blocks: points", blocks_of_points, {ROWS, X(T *C), X(T *C, T *C), X(T *C)}, 4, 0},
+    {"blocks: along ray layer", blocks_along, {ROWS}, 1, 0},
     {"along_ray: spectrum, inverse, regular",
      fourier,
      {X(2, 1, 4, P *C), X(2, 7, 2 * T * C)},

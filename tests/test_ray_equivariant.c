@@ -122,6 +122,51 @@ static double error_of(lf_radiance a, lf_radiance b)
     return larger(colour, relative_error(a.sigma->value, b.sigma->value, POINTS));
 }
 
+/* ---- the same network, layer by layer ---- */
+
+static lf_tensor *norm(lf_tape *tape, const lf_parameter *gain, lf_tensor *x)
+{
+    return lf_so2_layer_norm(tape, &types, x, lf_param(tape, gain));
+}
+
+/* From the layers of light_field.h, which keep points and views in rows. */
+static lf_radiance run_layers(const net *n, lf_tape *tape, const scene *s)
+{
+    const lf_ray_equivariant *m = &n->model;
+    const lf_light_rays rays = {N,        S,         s->views, s->origin, s->direction,
+                                s->depth, s->centre, s->seen,  2,         4};
+    const lf_light_geometry g = lf_light_geometry_make(tape, &types, &rays);
+    lf_tensor *seen =
+        lf_leaf(tape, 4, LF_DIMS(N, S, s->views, F), (lf_real *)(uintptr_t)s->feature, NULL);
+    lf_tensor *x = lf_ray_ray_convolution_apply(tape, &m->convolution, seen, &g);
+    const lf_attended a =
+        lf_cross_attention_apply(tape, &m->cross, seen, norm(tape, m->gain[0], x), &g);
+    x = norm(tape, m->gain[1], a.field);
+    x = norm(tape, m->gain[2], lf_add(tape, x, lf_along_ray_apply(tape, &m->along, x, &g)));
+    lf_tensor *y = lf_so2_gated_apply(tape, &m->gated, &types, x);
+    x = lf_add(tape, x, lf_so2_map_apply(tape, &m->mix, &types, y));
+    lf_tensor *share = lf_tensor_new(tape, 3, LF_DIMS(N, S, 1));
+    for (int i = 0; i < POINTS; i++)
+        share->value[i] = g.count->value[i] / (lf_real)s->views - (lf_real)0.5;
+    lf_tensor *parts[] = {lf_so2_invariants(tape, &types, x), share};
+    lf_tensor *t = lf_mlp_apply(tape, &m->density, lf_concat(tape, 2, parts));
+    return (lf_radiance){lf_blend_columns(tape, a.weight, seen, LF_RGB),
+                         lf_density(tape, t, g.count)};
+}
+
+static void blocks_are_the_layers(void **state)
+{
+    (void)state;
+    scene s = make_scene();
+    memset(s.seen, 0, 3 * V); /* samples that no view sees */
+    for (int p = S; p < S + 16 && p < POINTS; p++)
+        s.seen[p * V + 3] = 0; /* a view that sees no sample of a block, or few */
+    net n = open_net(true, true);
+    const lf_radiance layers = run_layers(&n, n.tape, &s);
+    assert_below(error_of(run(&n, n.tape, &s, NULL), layers), EXACT ? 1e-12 : 1e-5);
+    close_net(&n);
+}
+
 /* ---- motions ---- */
 
 /* A rotation drawn uniformly and a translation of a length up to `reach`. */
@@ -418,6 +463,7 @@ static void gradients(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(blocks_are_the_layers),
         cmocka_unit_test(motions_change_nothing),
         cmocka_unit_test(gauges_change_nothing),
         cmocka_unit_test(orders_of_views_change_nothing),
