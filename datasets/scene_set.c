@@ -231,6 +231,11 @@ static lf_status look(lf_scene_entry *e, const lf_scene_set_options *o, lf_error
                   : around         ? LF_NEAR_ANGLE
                                    : LF_NEAR_DISTANCE;
     file_depths(e, o);
+    if (!(e->near < e->far))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "%s: near %g is not below far %g: with data.near_factor %g and "
+                       "data.far_factor %g nothing is left between",
+                       e->name, e->near, e->far, o->near_factor, o->far_factor);
     e->white = o->white > 0;
     if (o->white < 0)
         LF_TRY(find_white(e, err));

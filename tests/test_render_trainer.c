@@ -34,12 +34,12 @@ static int remove_folder(void **state)
 static lf_config *tiny(const char *const *more)
 {
     static const char *const sets[] = {
-        "model.type=renderer", "data.builtin_scenes=3",  "data.scene_size=24",
+        "model.type=renderer", "data.builtin_scenes=2",  "data.scene_size=24",
         "data.val_shapes=2",   "render.sources=3",       "render.samples=8",
         "render.features=4",   "render.feature_width=4", "render.types=0, 2",
         "render.hidden=8",     "train.rays=12",          "train.steps=14",
         "train.warmup=2",      "train.log_every=2",      "train.checkpoint_every=4",
-        "train.val_every=7",   "train.keep=10"};
+        "train.val_every=7",   "train.keep=10",          "data.bounds=file"};
     lf_config *cfg;
     lf_error err;
     assert_int_equal(lf_config_load(NULL, &cfg, &err), LF_OK);
@@ -228,12 +228,12 @@ static void overfit_learns_one_batch(void **state)
         char name[16];
         snprintf(name, sizeof name, "overfit-%d", i);
         train_well(name,
-                   SETS(both[i], "train.steps=120", "train.log_every=10", "train.schedule=constant",
+                   SETS(both[i], "train.steps=80", "train.log_every=10", "train.schedule=constant",
                         "train.lr=0.005", "data.val_shapes=0", "data.builtin_scenes=1",
                         "train.checkpoint_every=1000"),
                    (lf_train_options){.overfit = true});
         const int n = metrics(name, "loss", loss);
-        assert_int_equal(n, 12);
+        assert_int_equal(n, 8);
         if (!(loss[n - 1] < 0.5 * loss[0]))
             fail_msg("%s: loss %g at the start, %g at the end", both[i], loss[0], loss[n - 1]);
     }

@@ -365,6 +365,15 @@ static void too_few_views(void **state)
     lf_scene_set_close(set);
 }
 
+static void nothing_between_near_and_far(void **state)
+{
+    lf_scene_set_options o = usual();
+    o.root = *state;
+    o.scenes = "all/a";
+    o.near_factor = 1000;
+    expect_refused(&o, "data.near_factor 1000");
+}
+
 static void no_meshes(void **state)
 {
     char path[512];
@@ -401,6 +410,7 @@ int main(void)
         cmocka_unit_test(pictures_are_reduced),
         cmocka_unit_test(missing_folders),
         cmocka_unit_test(too_few_views),
+        cmocka_unit_test(nothing_between_near_and_far),
         cmocka_unit_test(no_meshes),
         cmocka_unit_test(a_name_too_long),
     };

@@ -212,7 +212,14 @@ static lf_status view_error(const render_task *t, const lf_scene_entry *e, long 
     return LF_OK;
 }
 
-/* A view of each scene in turn, evenly over its list, until there are enough. */
+/* Number `round` of `count` targets, spread over the list; rounds below count do not repeat. */
+static long target_number(long round, long count)
+{
+    const long stride = count % 7 ? 7 : count % 11 ? 11 : 1; /* no common divisor */
+    return (round * stride + 3) % count;
+}
+
+/* A view of each scene in turn, until there are enough. */
 static lf_status validate(void *self, lf_validation *out, lf_error *err)
 {
     const render_task *t = self;
@@ -228,7 +235,7 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
             if (round >= count)
                 continue;
             double mse;
-            LF_TRY(view_error(t, &set->entry[i], target[(round * 7 + 3) % count], &mse, err));
+            LF_TRY(view_error(t, &set->entry[i], target[target_number(round, count)], &mse, err));
             loss += mse;
             psnr += -10 * log10(fmax(mse, 1e-10));
             done++;
