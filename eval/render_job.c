@@ -347,6 +347,8 @@ static lf_status write_results(evaluation *e, lf_error *err)
     if (!job->out || e->rows == 0)
         return LF_OK;
     char path[PATH_MAX];
+    snprintf(path, sizeof path, "%.4000s/cost.png", job->out);
+    LF_TRY(lf_render_report_plot(&e->report, path, err));
     snprintf(path, sizeof path, "%.4000s/montage.png", job->out);
     lf_render_row *rows = calloc((size_t)e->rows, sizeof *rows);
     LF_REQUIRE(rows, "out of memory");

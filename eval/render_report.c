@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "eval/image_metrics.h"
+#include "eval/plot.h"
 #include "eval/report.h"
 
 enum { FIGURES = sizeof(lf_render_figures) / sizeof(double) };
@@ -277,4 +278,29 @@ void lf_render_report_print(const lf_render_report *r, FILE *out)
     fprintf(out, "PSNR in dB; copy, mean, sweep: PSNR of renderers that learn nothing; variance: "
                  "largest pixel variance over frames, of 0..255; rows: points through the "
                  "network; -: not available\n");
+}
+
+/* ---- cost --------------------------------------------------------------------------------------
+ */
+
+lf_status lf_render_report_plot(const lf_render_report *report, const char *png, lf_error *err)
+{
+    double *x = calloc((size_t)report->images + 1, sizeof *x);
+    double *y = calloc((size_t)report->images + 1, sizeof *y);
+    LF_REQUIRE(x && y, "out of memory for %ld images", report->images);
+    for (long i = 0; i < report->images; i++) {
+        x[i] = 1e-6 * report->image[i].figures.rows;
+        y[i] = report->image[i].figures.seconds;
+    }
+    x[report->images] = y[report->images] = 0; /* the axes' origin */
+    const lf_plot_series dots = {NULL, report->images + 1, x, y, LF_PLOT_DOTS};
+    const lf_plot plot = {.title = "cost of an image",
+                          .x_label = "million (sample, source view) pairs",
+                          .y_label = "seconds",
+                          .series = 1,
+                          .line = &dots};
+    const lf_status status = lf_plot_write(png, &plot, err);
+    free(x);
+    free(y);
+    return status;
 }
