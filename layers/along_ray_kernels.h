@@ -1,9 +1,9 @@
 /* along_ray_kernels.h: the sums of attention along the ray over keys, Gaussians and the numbers of
  * a head, for one query; formulas in along_ray_attention.c, which alone includes this.
  *
- * Two layouts. Keys side by side, [blocks of keys, numbers, LF_WIDE], for products and expand; the
- * 16 Gaussians side by side for collect, where a vector holds one z of all b. The numbers of a row
- * are ordered by heads: [H, P, C / H].
+ * Two layouts. Keys side by side, [blocks of keys, numbers, LF_BLOCK_POINTS], for products and
+ * expand; the 16 Gaussians side by side for collect, where a vector holds one z of all b. The
+ * numbers of a row are ordered by heads: [H, P, C / H].
  */
 #ifndef LF_LAYERS_ALONG_RAY_KERNELS_H
 #define LF_LAYERS_ALONG_RAY_KERNELS_H
@@ -12,7 +12,7 @@
 #include "layers/light_field.h"
 
 enum {
-    W = LF_WIDE,
+    W = LF_BLOCK_POINTS,
     BASIS = LF_ALONG_BASIS,
     TERMS = BASIS + 1,      /* with the constant */
     ROW = BASIS + LF_LANES, /* numbers of a matrix row: BASIS Gaussians, the constant, none */

@@ -10,7 +10,7 @@
 #include "layers/heads.h"
 #include "layers/light_blocks.h"
 
-enum { W = LF_WIDE, HEADS = LF_HEAD_CHANNELS };
+enum { W = LF_BLOCK_POINTS, HEADS = LF_HEAD_CHANNELS };
 
 typedef struct attention {
     lf_blocks blocks;

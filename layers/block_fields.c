@@ -7,7 +7,7 @@
  */
 #include "layers/block_groups.h"
 
-enum { W = LF_WIDE };
+enum { W = LF_BLOCK_POINTS };
 static const lf_real layer_epsilon = (lf_real)1e-4;
 
 /* ---- layer norm --------------------------------------------------------------------------------

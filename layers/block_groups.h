@@ -1,5 +1,5 @@
 /* block_groups.h: fields of one block or group: maps within a type, invariants, gates. Rows are
- * [n, LF_WIDE]; formulas as in so2_linear.c and so2_nonlinear.c.           [layers/light_blocks.h]
+ * [n, LF_BLOCK_POINTS]; formulas as in so2_linear.c and so2_nonlinear.c. [layers/light_blocks.h]
  */
 #ifndef LF_LAYERS_BLOCK_GROUPS_H
 #define LF_LAYERS_BLOCK_GROUPS_H
@@ -11,7 +11,7 @@
  * so that the same number of all groups does not fall on few sets of a cache. */
 static inline long lf_group_step(long n)
 {
-    return (n + (n + 1) % 2) * LF_WIDE;
+    return (n + (n + 1) % 2) * LF_BLOCK_POINTS;
 }
 
 /* ---- maps --------------------------------------------------------------------------------------
@@ -36,17 +36,17 @@ static inline void lf_group_map_apply(const lf_group_map *m, const lf_real *w, c
     for (int k = 1; k < m->types.count; k++) {
         const lf_block_matrix a = {w + (2 * k - 1) * size, in_step, out_step},
                               b = {a.w + size, in_step, out_step};
-        const lf_real *re = x + (2 * k - 1) * ci * LF_WIDE, *im = re + ci * LF_WIDE;
+        const lf_real *re = x + (2 * k - 1) * ci * LF_BLOCK_POINTS, *im = re + ci * LF_BLOCK_POINTS;
         t.w = a;
         t.w2 = b;
         t.x = re;
         t.x2 = im;
         t.sign = -sign;
-        lf_block_product(&t, co, y + (2 * k - 1) * co * LF_WIDE);
+        lf_block_product(&t, co, y + (2 * k - 1) * co * LF_BLOCK_POINTS);
         t.x = im;
         t.x2 = re;
         t.sign = sign;
-        lf_block_product(&t, co, y + 2 * k * co * LF_WIDE);
+        lf_block_product(&t, co, y + 2 * k * co * LF_BLOCK_POINTS);
     }
 }
 
@@ -59,8 +59,8 @@ static inline void lf_group_map_weights(const lf_group_map *m, long groups, cons
     lf_block_outer(&p, ci, co, dw, co, 1);
     for (int k = 1; k < m->types.count; k++) {
         const long plane = 2 * k - 1;
-        const lf_real *re = x + plane * ci * LF_WIDE, *im = re + ci * LF_WIDE;
-        const lf_real *gr = dy + plane * co * LF_WIDE, *gi = gr + co * LF_WIDE;
+        const lf_real *re = x + plane * ci * LF_BLOCK_POINTS, *im = re + ci * LF_BLOCK_POINTS;
+        const lf_real *gr = dy + plane * co * LF_BLOCK_POINTS, *gi = gr + co * LF_BLOCK_POINTS;
         p = (lf_block_pairs){groups, rx, ry, re, gr, im, gi, 1};
         lf_block_outer(&p, ci, co, dw + plane * ci * co, co, 1);
         p = (lf_block_pairs){groups, rx, ry, re, gi, im, gr, -1};
@@ -73,7 +73,7 @@ static inline void lf_group_map_weights(const lf_group_map *m, long groups, cons
 
 static inline void lf_group_invariants(int count, long c, const lf_real *x, lf_real *n)
 {
-    memcpy(n, x, (size_t)(c * LF_WIDE) * sizeof *n);
+    memcpy(n, x, (size_t)(c * LF_BLOCK_POINTS) * sizeof *n);
     for (long k = 1; k < count; k++)
         for (long i = 0; i < c; i++)
             for (int h = 0; h < LF_PARTS; h++) {
@@ -106,7 +106,7 @@ static inline void lf_group_gate(int count, long c, const lf_real *x, lf_real *g
     for (int h = 0; h < LF_PARTS; h++) {
         for (long i = 0; i < c; i++) {
             lf_vec slope;
-            const lf_vec e = lf_vec_elu(lf_block_get(gate, i, h), &slope);
+            const lf_vec e = lf_vec_elu_slope(lf_block_get(gate, i, h), &slope);
             lf_block_set(y, i, h, lf_block_get(x, i, h) + e);
             lf_block_set(gate, i, h, slope);
         }

@@ -1,117 +1,29 @@
-/* block_kernels.h: the arithmetic of fields in blocks: LF_WIDE points side by side, one vector a
- * number.                                                                  [layers/light_blocks.h]
+/* block_kernels.h: the arithmetic of fields in blocks: LF_BLOCK_POINTS points side by side, one
+ * vector a number. [layers/light_blocks.h]
  *
- * x [n, LF_WIDE] holds n numbers of each point of a block. Vectors are the machine's (LF_LANES), so
- * that sums stay in registers: a block has LF_PARTS of them. Weights are scalars that all points
- * share, read at any two strides: a transposed matrix costs nothing.
+ * x [n, LF_BLOCK_POINTS] holds n numbers of each point of a block. Vectors are the machine's
+ * (LF_LANES), so that sums stay in registers: a block has LF_PARTS of them. Weights are scalars
+ * that all points share, read at any two strides: a transposed matrix costs nothing.
  */
 #ifndef LF_LAYERS_BLOCK_KERNELS_H
 #define LF_LAYERS_BLOCK_KERNELS_H
 
 #include <stdbool.h>
-#if defined(__AVX__)
-#include <immintrin.h>
-#endif
 
-#include "autograd/kernels/wide.h"
+#include "autograd/kernels/vector_math.h"
+#include "layers/light_blocks.h"
 
-enum { LF_PARTS = LF_WIDE / LF_LANES, LF_BLOCK_TILE = 12 / LF_PARTS };
-
-/* ---- vectors ----------------------------------------------------------------------------------
- */
-
-#ifdef LF_DOUBLE
-typedef int64_t lf_vec_bits __attribute__((vector_size(LF_VEC_BYTES)));
-#else
-typedef int32_t lf_vec_bits __attribute__((vector_size(LF_VEC_BYTES)));
-#endif
-
-LF_INLINE lf_vec lf_vec_select(lf_vec_bits condition, lf_vec a, lf_vec b)
-{
-    return (lf_vec)((condition & (lf_vec_bits)a) | (~condition & (lf_vec_bits)b));
-}
-
-/* e^x = scale (1 + rest), as in wide.h. */
-LF_INLINE lf_vec lf_vec_exp_parts(lf_vec x, lf_vec *rest)
-{
-    const lf_vec most = lf_vec_all(LF_WIDE_MOST), round = lf_vec_all(LF_WIDE_ROUND);
-    x = lf_vec_select(x > most, most, x);
-    x = lf_vec_select(x < -most, -most, x);
-    const lf_vec shifted = x * (lf_real)1.44269504088896341 + round;
-    const lf_vec n = shifted - round;
-    const lf_vec r = (x - n * LF_WIDE_LN2_HIGH) - n * LF_WIDE_LN2_LOW;
-#ifdef LF_DOUBLE
-    static const double series[] = {
-        1.0 / 6227020800, 1.0 / 479001600, 1.0 / 39916800, 1.0 / 3628800, 1.0 / 362880, 1.0 / 40320,
-        1.0 / 5040,       1.0 / 720,       1.0 / 120,      1.0 / 24,      1.0 / 6,      0.5};
-    enum { TERMS = 12 };
-#else
-    static const float series[] = {1.0f / 5040, 1.0f / 720, 1.0f / 120, 1.0f / 24, 1.0f / 6, 0.5f};
-    enum { TERMS = 6 };
-#endif
-    lf_vec p = lf_vec_all(series[0]);
-    for (int i = 1; i < TERMS; i++)
-        p = p * r + series[i];
-    *rest = r + r * r * p;
-    const lf_vec_bits whole = (lf_vec_bits)shifted - (lf_vec_bits)round;
-    return (lf_vec)((whole + LF_WIDE_BIAS) << LF_WIDE_MANTISSA);
-}
-
-LF_INLINE lf_vec lf_vec_exp(lf_vec x)
-{
-    lf_vec rest;
-    const lf_vec scale = lf_vec_exp_parts(x, &rest);
-    return scale + scale * rest;
-}
-
-LF_INLINE lf_vec lf_vec_sigmoid(lf_vec x)
-{
-    return 1 / (1 + lf_vec_exp(-x));
-}
-
-/* ELU, and its slope. */
-LF_INLINE lf_vec lf_vec_elu(lf_vec x, lf_vec *slope)
-{
-    lf_vec rest;
-    const lf_vec scale = lf_vec_exp_parts(x, &rest), one = lf_vec_all(1);
-    *slope = lf_vec_select(x > 0, one, scale + scale * rest);
-    return lf_vec_select(x > 0, x, scale * rest + (scale - 1));
-}
-
-LF_INLINE lf_vec lf_vec_sqrt(lf_vec x)
-{
-#if defined(__AVX512F__) && defined(LF_DOUBLE)
-    return (lf_vec)_mm512_sqrt_pd((__m512d)x);
-#elif defined(__AVX512F__)
-    return (lf_vec)_mm512_sqrt_ps((__m512)x);
-#else
-    lf_vec y;
-    for (int i = 0; i < LF_LANES; i++)
-        y[i] = LF_SQRT(x[i]);
-    return y;
-#endif
-}
-
-/* Sum of the lanes in a short tree. */
-LF_INLINE lf_real lf_vec_total(lf_vec v)
-{
-    lf_real t[LF_LANES];
-    memcpy(t, &v, sizeof v);
-    for (int n = LF_LANES / 2; n > 0; n /= 2)
-        for (int i = 0; i < n; i++)
-            t[i] += t[i + n];
-    return t[0];
-}
+enum { LF_PARTS = LF_BLOCK_POINTS / LF_LANES, LF_BLOCK_TILE = 12 / LF_PARTS };
 
 /* Part h of number i of a block. */
 LF_INLINE lf_vec lf_block_get(const lf_real *x, long i, int h)
 {
-    return lf_vec_load(x + i * LF_WIDE + h * LF_LANES);
+    return lf_vec_load(x + i * LF_BLOCK_POINTS + h * LF_LANES);
 }
 
 LF_INLINE void lf_block_set(lf_real *x, long i, int h, lf_vec v)
 {
-    lf_vec_store(x + i * LF_WIDE + h * LF_LANES, v);
+    lf_vec_store(x + i * LF_BLOCK_POINTS + h * LF_LANES, v);
 }
 
 LF_INLINE void lf_block_add(lf_real *x, long i, int h, lf_vec v)
@@ -177,7 +89,7 @@ LF_INLINE void lf_block_tile(const lf_block_terms *t, const int tile, long o, lf
             lf_block_set(y, o + k, h, sum[k][h]);
 }
 
-/* y [out, LF_WIDE]. */
+/* y [out, LF_BLOCK_POINTS]. */
 static inline void lf_block_product(const lf_block_terms *t, long out, lf_real *y)
 {
     const long parts = (out + LF_BLOCK_TILE - 1) / LF_BLOCK_TILE;
@@ -226,15 +138,15 @@ LF_INLINE void lf_block_outer_tile(const lf_block_pairs *t, const int ti, const 
 {
     lf_vec sum[16] = {{0}};
     lf_real total[16];
-    const lf_real *x = t->x + i * LF_WIDE, *y = t->y + o * LF_WIDE;
+    const lf_real *x = t->x + i * LF_BLOCK_POINTS, *y = t->y + o * LF_BLOCK_POINTS;
     for (long g = 0; g < t->groups; g++, x += t->x_step, y += t->y_step)
         for (int h = 0; h < LF_PARTS; h++)
             for (int a = 0; a < ti; a++)
                 for (int b = 0; b < to; b++)
                     sum[a * to + b] += lf_block_get(x, a, h) * lf_block_get(y, b, h);
     if (t->x2) {
-        x = t->x2 + i * LF_WIDE;
-        y = t->y2 + o * LF_WIDE;
+        x = t->x2 + i * LF_BLOCK_POINTS;
+        y = t->y2 + o * LF_BLOCK_POINTS;
         for (long g = 0; g < t->groups; g++, x += t->x_step, y += t->y_step)
             for (int h = 0; h < LF_PARTS; h++)
                 for (int a = 0; a < ti; a++) {

@@ -7,7 +7,7 @@
  */
 #include "layers/block_groups.h"
 
-enum { W = LF_WIDE };
+enum { W = LF_BLOCK_POINTS };
 
 /* ---- where points and views stand --------------------------------------------------------------
  */
@@ -181,7 +181,7 @@ static void activate(long n, lf_activation act, lf_real *y)
             lf_block_set(y, i, h,
                          act == LF_RELU      ? lf_vec_relu(z)
                          : act == LF_SIGMOID ? lf_vec_sigmoid(z)
-                                             : lf_vec_elu(z, &slope));
+                                             : lf_vec_elu_slope(z, &slope));
         }
 }
 

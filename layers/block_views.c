@@ -10,7 +10,7 @@
  */
 #include "layers/block_groups.h"
 
-enum { W = LF_WIDE };
+enum { W = LF_BLOCK_POINTS };
 
 /* ---- rays to rays ------------------------------------------------------------------------------
  */

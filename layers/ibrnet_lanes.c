@@ -7,7 +7,7 @@
  * Degenerate  lanes beyond the last point are 0 and get no gradient.
  */
 #include "layers/ibrnet.h"
-#include "layers/lanes_math.h"
+#include "autograd/kernels/vector_math.h"
 
 /* ---- which rows there are ----------------------------------------------------------------------
  */

@@ -9,7 +9,7 @@
  * Rows are worked on two at a time, so that what one step writes the next finds in the cache.
  */
 #include "layers/ibrnet_product.h"
-#include "layers/lanes_math.h"
+#include "autograd/kernels/vector_math.h"
 
 enum { W = 0, BIAS = 1, POINT = 2, PARTS = 3 }; /* inputs of the node */
 

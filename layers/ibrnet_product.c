@@ -10,7 +10,7 @@
  */
 #include "autograd/kernels/tile.h"
 #include "layers/ibrnet_product.h"
-#include "layers/lanes_math.h"
+#include "autograd/kernels/vector_math.h"
 
 #if defined(__AVX512F__) || defined(__aarch64__)
 enum { OUTS = 12, OUTER_IN = 6, OUTER_OUT = 4 }; /* of 32 registers */

@@ -12,7 +12,7 @@
  * Keeps       a; h and the deviation's inverse.
  */
 #include "layers/ibrnet.h"
-#include "layers/lanes_math.h"
+#include "autograd/kernels/vector_math.h"
 
 typedef struct attention {
     long rays, samples, wide, d; /* wide: S' */

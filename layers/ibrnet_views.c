@@ -16,7 +16,7 @@
  * Degenerate  no view, or one: the weights by direction are 0 (then a is 0), so are their moments.
  */
 #include "layers/ibrnet.h"
-#include "layers/lanes_math.h"
+#include "autograd/kernels/vector_math.h"
 
 #define EPSILON ((lf_real)1e-8) /* of the sums of weights, as published */
 

@@ -2,12 +2,12 @@
  * same parameters, fast.                                                     [method.md 5b.3 -
  * 5b.5]
  *
- * Points (samples of all rays, in order) stand in blocks of LF_WIDE side by side, one vector a
- * number. A group is a block as one view sees it; only groups in which the view sees at least one
- * point exist: what no source sees is not computed. Tensors are
+ * Points (samples of all rays, in order) stand in blocks of LF_BLOCK_POINTS side by side, one
+ * vector a number. A group is a block as one view sees it; only groups in which the view sees at
+ * least one point exist: what no source sees is not computed. Tensors are
  *
- *   of points   [B, 1, n, LF_WIDE]    B blocks
- *   of views    [G, 1, n, LF_WIDE]    G groups, those of a block adjacent, views in order
+ *   of points   [B, 1, n, LF_BLOCK_POINTS]    B blocks
+ *   of views    [G, 1, n, LF_BLOCK_POINTS]    G groups, those of a block adjacent, views in order
  *
  * with n = P C for fields. Points past the last one, and views that do not see a point, hold finite
  * numbers that nothing reads; their gradients are 0.
@@ -16,6 +16,8 @@
 #define LF_LAYERS_LIGHT_BLOCKS_H
 
 #include "layers/light_field.h"
+
+enum { LF_BLOCK_POINTS = 64 / sizeof(lf_real) }; /* points in a block */
 
 /* How light_geometry's points and views stand in blocks; lives on the tape. */
 typedef struct lf_blocks {

@@ -1,7 +1,6 @@
 /* ray_equivariant.c: see ray_equivariant.h. */
 #include "models/ray_equivariant.h"
 
-#include "autograd/kernels/wide.h"
 #include "layers/light_blocks.h"
 
 enum { DENSITY_WIDTH = 16 };
@@ -69,10 +68,11 @@ static lf_tensor *density_inputs(lf_tape *tape, const lf_blocks *blocks, lf_tens
     for (long i = 0; i < share->size; i++)
         share->value[i] = rays->count->value[i] / (lf_real)rays->views - (lf_real)0.5;
     lf_tensor *s = lf_blocks_of_points(tape, blocks, share);
-    lf_tensor *parts[] = {lf_reshape(tape, n, 2, LF_DIMS(blocks->blocks, n->dim[2] * LF_WIDE)),
-                          lf_reshape(tape, s, 2, LF_DIMS(blocks->blocks, LF_WIDE))};
+    lf_tensor *parts[] = {
+        lf_reshape(tape, n, 2, LF_DIMS(blocks->blocks, n->dim[2] * LF_BLOCK_POINTS)),
+        lf_reshape(tape, s, 2, LF_DIMS(blocks->blocks, LF_BLOCK_POINTS))};
     return lf_reshape(tape, lf_concat(tape, 2, parts), 4,
-                      LF_DIMS(blocks->blocks, 1, n->dim[2] + 1, LF_WIDE));
+                      LF_DIMS(blocks->blocks, 1, n->dim[2] + 1, LF_BLOCK_POINTS));
 }
 
 static lf_tensor *density(lf_tape *tape, const lf_ray_equivariant *net, const lf_blocks *blocks,

@@ -1,5 +1,4 @@
 /* op_table_light_field.c: a row for every op and layer of layers/light_field.h. */
-#include "autograd/kernels/wide.h"
 #include "autograd/random.h"
 #include "layers/light_blocks.h"
 #include "tests/gradcheck.h"

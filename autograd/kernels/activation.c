@@ -5,31 +5,22 @@
  *   sigmoid   y = 1 / (1 + e^-x)          dz = dy y (1 - y)
  */
 #include "autograd/kernels/kernels.h"
-#include "autograd/kernels/wide.h"
+#include "autograd/kernels/vector_math.h"
 
-/* n <= LF_WIDE numbers; a NaN stays a NaN. */
-LF_INLINE void activate(const long n, const bool sigmoid, lf_real *y)
+LF_INLINE lf_vec activate(lf_vec x, lf_activation act)
 {
-    const lf_wide x = lf_wide_load(y, n);
-    lf_wide_store(y, n, sigmoid ? lf_wide_sigmoid(x) : lf_wide_elu(x));
-}
-
-LF_INLINE void activate_all(long n, const bool sigmoid, lf_real *y)
-{
-    for (; n >= LF_WIDE; n -= LF_WIDE, y += LF_WIDE)
-        activate(LF_WIDE, sigmoid, y); /* of a size that the compiler knows */
-    if (n > 0)
-        activate(n, sigmoid, y);
+    /* a NaN stays a NaN in all of them */
+    return act == LF_ELU ? lf_vec_elu(x) : act == LF_SIGMOID ? lf_vec_sigmoid(x) : lf_vec_relu(x);
 }
 
 void lf_kernel_activate(long n, lf_activation act, lf_real *y)
 {
-    if (act == LF_ELU)
-        activate_all(n, false, y);
-    else if (act == LF_SIGMOID)
-        activate_all(n, true, y);
-    for (long i = 0; act == LF_RELU && i < n; i++)
-        y[i] = y[i] < 0 ? 0 : y[i];
+    const long whole = act == LF_IDENTITY ? 0 : n / LF_LANES * LF_LANES;
+    for (long i = 0; i < whole; i += LF_LANES)
+        lf_vec_store(y + i, activate(lf_vec_load(y + i), act));
+    if (act != LF_IDENTITY && whole < n)
+        lf_vec_store_part(y + whole, n - whole,
+                          activate(lf_vec_load_part(y + whole, n - whole), act));
 }
 
 void lf_kernel_activation_dz(long n, lf_activation act, const lf_real *y, const lf_real *dy,

@@ -1,26 +1,36 @@
-/* lanes_math.h: exp, sigmoid and ELU of one machine vector, branch-free; sums across its lanes.
+/* vector_math.h: exp, expm1, sigmoid and ELU of one machine vector, branch-free; sums across its
+ * lanes.
  *
  *   exp(x) = 2^n e^r,  n = round(x / ln 2),  r = x - n ln 2 in two parts, |r| <= 0.35;  e^r - 1 by
  *   its series to r^7 (float) or r^13 (double)
- * Numbers as in autograd/kernels/wide.h, whose vectors are wider than some machines' registers: the
- * compiler takes their comparisons apart lane by lane there. x is cut to +-87 (float) or +-708
- * (double); NaN stays NaN.
+ * Error: below 2 units in the last place (tests/test_vector_math.c). x is cut to +-87 (float) or
+ * +-708 (double), so nothing overflows and exp never is 0; NaN stays NaN.
  */
-#ifndef LF_LAYERS_LANES_MATH_H
-#define LF_LAYERS_LANES_MATH_H
+#ifndef LF_AUTOGRAD_KERNELS_VECTOR_MATH_H
+#define LF_AUTOGRAD_KERNELS_VECTOR_MATH_H
 
 #include <stdint.h>
+#include <string.h>
 #ifdef __AVX__
 #include <immintrin.h>
 #endif
 
 #include "autograd/kernels/vector.h"
-#include "autograd/kernels/wide.h"
 
 #ifdef LF_DOUBLE
 typedef int64_t lf_vec_bits __attribute__((vector_size(LF_VEC_BYTES)));
+#define LF_EXP_MOST 708.0
+#define LF_EXP_ROUND 6755399441055744.0 /* 1.5 * 2^52: adding and taking it off rounds */
+#define LF_EXP_LN2_HIGH 6.93147180369123816490e-01
+#define LF_EXP_LN2_LOW 1.90821492927058770002e-10
+enum { LF_EXP_BIAS = 1023, LF_EXP_MANTISSA = 52 };
 #else
 typedef int32_t lf_vec_bits __attribute__((vector_size(LF_VEC_BYTES)));
+#define LF_EXP_MOST 87.0f
+#define LF_EXP_ROUND 12582912.0f /* 1.5 * 2^23 */
+#define LF_EXP_LN2_HIGH 0.693359375f
+#define LF_EXP_LN2_LOW -2.12194440e-4f
+enum { LF_EXP_BIAS = 127, LF_EXP_MANTISSA = 23 };
 #endif
 
 /* condition ? a : b, lane by lane; condition is the result of a comparison. */
@@ -58,12 +68,12 @@ LF_INLINE lf_vec lf_vec_max(lf_vec a, lf_vec b)
 #endif
 }
 
-/* e^x = scale (1 + rest) for |x| <= LF_WIDE_MOST */
+/* e^x = scale (1 + rest) for |x| <= LF_EXP_MOST */
 LF_INLINE lf_vec lf_vec_exp_parts(lf_vec x, lf_vec *rest)
 {
-    const lf_vec round = lf_vec_all(LF_WIDE_ROUND);
+    const lf_vec round = lf_vec_all(LF_EXP_ROUND);
     const lf_vec shifted = x * (lf_real)1.44269504088896341 + round, n = shifted - round;
-    const lf_vec r = (x - n * LF_WIDE_LN2_HIGH) - n * LF_WIDE_LN2_LOW;
+    const lf_vec r = (x - n * LF_EXP_LN2_HIGH) - n * LF_EXP_LN2_LOW;
 #ifdef LF_DOUBLE
     enum { TERMS = 12 };
     static const lf_real series[TERMS] = {
@@ -80,15 +90,27 @@ LF_INLINE lf_vec lf_vec_exp_parts(lf_vec x, lf_vec *rest)
     *rest = r + r * r * p;
     /* the integer n stands in the low bits of `shifted` */
     const lf_vec_bits whole = (lf_vec_bits)shifted - (lf_vec_bits)round;
-    return (lf_vec)((whole + LF_WIDE_BIAS) << LF_WIDE_MANTISSA);
+    return (lf_vec)((whole + LF_EXP_BIAS) << LF_EXP_MANTISSA);
+}
+
+LF_INLINE lf_vec lf_vec_exp_cut(lf_vec x)
+{
+    return lf_vec_max(lf_vec_min(x, lf_vec_all(LF_EXP_MOST)), lf_vec_all(-LF_EXP_MOST));
 }
 
 LF_INLINE lf_vec lf_vec_exp(lf_vec x)
 {
     lf_vec rest;
-    x = lf_vec_max(lf_vec_min(x, lf_vec_all(LF_WIDE_MOST)), lf_vec_all(-LF_WIDE_MOST));
-    const lf_vec scale = lf_vec_exp_parts(x, &rest);
+    const lf_vec scale = lf_vec_exp_parts(lf_vec_exp_cut(x), &rest);
     return scale + scale * rest;
+}
+
+/* e^x - 1, exact to rounding near 0 */
+LF_INLINE lf_vec lf_vec_expm1(lf_vec x)
+{
+    lf_vec rest;
+    const lf_vec scale = lf_vec_exp_parts(lf_vec_exp_cut(x), &rest);
+    return scale * rest + (scale - 1);
 }
 
 LF_INLINE lf_vec lf_vec_sigmoid(lf_vec x)
@@ -101,9 +123,34 @@ LF_INLINE lf_vec lf_vec_elu(lf_vec x)
 {
     lf_vec rest;
     const lf_vec zero = {0};
-    const lf_vec low = lf_vec_max(lf_vec_min(x, zero), lf_vec_all(-LF_WIDE_MOST));
+    const lf_vec low = lf_vec_max(lf_vec_min(x, zero), lf_vec_all(-LF_EXP_MOST));
     const lf_vec scale = lf_vec_exp_parts(low, &rest);
     return lf_vec_max(x, zero) + (scale * rest + (scale - 1));
+}
+
+/* ELU, and its slope. */
+LF_INLINE lf_vec lf_vec_elu_slope(lf_vec x, lf_vec *slope)
+{
+    lf_vec rest;
+    const lf_vec zero = {0};
+    const lf_vec low = lf_vec_max(lf_vec_min(x, zero), lf_vec_all(-LF_EXP_MOST));
+    const lf_vec scale = lf_vec_exp_parts(low, &rest); /* 1 where x > 0 */
+    *slope = scale + scale * rest;
+    return lf_vec_max(x, zero) + (scale * rest + (scale - 1));
+}
+
+LF_INLINE lf_vec lf_vec_sqrt(lf_vec x)
+{
+#if defined(__AVX512F__) && defined(LF_DOUBLE)
+    return (lf_vec)_mm512_sqrt_pd((__m512d)x);
+#elif defined(__AVX512F__)
+    return (lf_vec)_mm512_sqrt_ps((__m512)x);
+#else
+    lf_vec y;
+    for (int i = 0; i < LF_LANES; i++)
+        y[i] = LF_SQRT(x[i]);
+    return y;
+#endif
 }
 
 /* ---- across lanes -----------------------------------------------------------------------------
