@@ -83,7 +83,7 @@ const lf_key lf_schema[] = {
     TEXT("data.scenes", "none", "Renderers: folders of scenes to train on, with commas between; a folder of scenes counts as all of them; or the word none."),
     TEXT("data.val_scenes", "none", "Renderers: scenes to validate on; none: other views of the training scenes."),
     TEXT("data.test_scenes", "none", "Renderers: scenes to evaluate on; none: held-out views of the training scenes."),
-    INT("data.builtin_scenes", "0", 0, 100000, "Renderers: built-in scenes to train on, ray-traced from the seed."),
+    INT("data.builtin_scenes", "0", 0, 100000, "Renderers: built-in scenes to train on, ray-traced; the same for every seed."),
     INT("data.test_builtin", "0", 0, 100000, "Renderers: unseen built-in scenes to evaluate on."),
     CHOICE("data.kinds", "all", "all|objects|glossy|diffuse|forward",
            "Kinds of built-in scenes: glossy and diffuse objects from all around, forward-facing ones, or some of them in turn."),
