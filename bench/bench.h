@@ -32,12 +32,12 @@ typedef struct lf_bench_table {
     int count;
 } lf_bench_table;
 
-extern const lf_bench_table lf_bench_limits;  /* limit.c */
-extern const lf_bench_table lf_bench_kernels; /* kernels.c */
-extern const lf_bench_table lf_bench_steps;   /* steps.c */
+extern const lf_bench_table lf_bench_limits;          /* limit.c */
+extern const lf_bench_table lf_bench_kernels;         /* kernels.c */
+extern const lf_bench_table lf_bench_steps;           /* steps.c */
 extern const lf_bench_table lf_bench_ray_equivariant; /* ray_equivariant.c */
-extern const lf_bench_table lf_bench_ibrnet;  /* ibrnet.c */
-extern const lf_bench_table lf_bench_onednn;  /* peer_onednn.c, if it was found */
+extern const lf_bench_table lf_bench_ibrnet;          /* ibrnet.c */
+extern const lf_bench_table lf_bench_onednn;          /* peer_onednn.c, if it was found */
 
 /* Do `steps` rounds of independent multiply-adds on each of `threads` threads: the flops done. */
 double lf_bench_fma(long steps, int threads);

@@ -14,11 +14,8 @@
 #include "bench/bench.h"
 
 static const lf_bench_table *const tables[] = {
-    &lf_bench_limits,
-    &lf_bench_kernels,
-    &lf_bench_steps,
-    &lf_bench_ray_equivariant,
-    &lf_bench_ibrnet,
+    &lf_bench_limits,          &lf_bench_kernels, &lf_bench_steps,
+    &lf_bench_ray_equivariant, &lf_bench_ibrnet,
 #ifdef LF_ONEDNN
     &lf_bench_onednn,
 #endif

@@ -68,8 +68,8 @@ lf_render_figures lf_render_report_scene_mean(const lf_render_report *report);
 json_t *lf_render_report_json(const lf_render_report *report);
 /* Replace the file whole or not at all (lf_json_write). */
 lf_status lf_render_report_write(const lf_render_report *report, const char *path, lf_error *err);
-/* Draw seconds against millions of rows, a dot an image: what is left out costs nothing. PNG; errors
- * of lf_plot_write. */
+/* Draw seconds against millions of rows, a dot an image: what is left out costs nothing. PNG;
+ * errors of lf_plot_write. */
 lf_status lf_render_report_plot(const lf_render_report *report, const char *png, lf_error *err);
 /* The same as a table: images, scenes, both means, and what the columns mean. "-": not available.
  */
