@@ -1,30 +1,8 @@
-/* render_work.c: tiles, lanes and workers of the renderers. See render_work.h. */
+/* render_work.c: the workspace of the renderers, one network on a tile, and the training step. See
+ * render_work.h. */
 #include <omp.h>
 
-#include "models/render_work.h"
-
-typedef struct lane {
-    lf_real *grad; /* of the networks */
-    lf_real *maps; /* gradient of the feature maps */
-    long maps_room;
-    double loss;
-    char nonfinite[64]; /* of the first tile that had one; the tape forgets it at the next tile */
-} lane;
-
-struct lf_render_work {
-    const lf_renderer *model;
-    long tile, head_size;
-    lf_tape *features;
-    lf_tape *worker[LF_RENDER_LANES]; /* one a thread; any tile may run on any of them */
-    lane lane[LF_RENDER_LANES];
-    long views, views_room;
-    const lf_source *source;
-    lf_view_map *view; /* [views] */
-    lf_tensor **map;   /* [views] on `features`; one tensor for all where they have one size */
-    long batches;      /* tensors in map */
-    lf_real *maps;     /* all maps, one after the other */
-    long maps_size, maps_room;
-};
+#include "models/render_tiles.h"
 
 static void *room(size_t bytes)
 {
@@ -33,7 +11,7 @@ static void *room(size_t bytes)
     return p;
 }
 
-static int workers(void)
+int lf_render_workers(void)
 {
     const int n = omp_get_max_threads();
     return n < LF_RENDER_LANES ? n : LF_RENDER_LANES;
@@ -142,7 +120,7 @@ static void place_maps(lf_render_work *w, const lf_tensor *map, long first, long
 }
 
 /* Maps of all views on the features' tape: together, or one by one where sizes differ. */
-static void encode(lf_render_work *w, long views, const lf_source *source)
+void lf_render_maps(lf_render_work *w, long views, const lf_source *source)
 {
     const bool together = one_size(views, source);
     if (views > w->views_room) {
@@ -174,21 +152,8 @@ static void encode(lf_render_work *w, long views, const lf_source *source)
 /* ---- one network on one tile ------------------------------------------------------------------
  */
 
-/* Rays of a tile with the depths of their samples. */
-typedef struct tile {
-    const lf_target_rays *rays;
-    long from, count, samples;
-    const double *depth; /* [count, samples] */
-    bool white;
-} tile;
-
-typedef struct passed {
-    lf_rendered rendered;
-    const lf_light_geometry *geometry; /* the tape's: backward looks at it */
-} passed;
-
-static const lf_light_geometry *geometry_of(lf_tape *tape, const lf_render_work *w, const tile *t,
-                                            const lf_seen_samples *seen)
+static const lf_light_geometry *geometry_of(lf_tape *tape, const lf_render_work *w,
+                                            const lf_ray_tile *t, const lf_seen_samples *seen)
 {
     const lf_types types = lf_renderer_types(w->model);
     const lf_light_rays rays = {t->count,
@@ -206,13 +171,13 @@ static const lf_light_geometry *geometry_of(lf_tape *tape, const lf_render_work 
     return geometry;
 }
 
-static passed pass(lf_tape *tape, const lf_render_work *w, const tile *t, int network,
-                   lf_tensor *maps)
+lf_passed lf_render_pass(lf_tape *tape, const lf_render_work *w, const lf_ray_tile *t, int network,
+                         lf_tensor *maps)
 {
     const long channels = w->model->config.channels, points = t->count * t->samples;
     const lf_seen_samples seen =
         lf_see_samples(tape, t->rays, t->from, t->count, t->samples, t->depth, w->views, w->source);
-    passed p = {.geometry = geometry_of(tape, w, t, &seen)};
+    lf_passed p = {.geometry = geometry_of(tape, w, t, &seen)};
     lf_tensor *y = lf_sample_views(tape, maps, w->views, w->view, network * channels, channels,
                                    points, seen.uv, p.geometry->mask->value);
     const lf_ray_inputs in = {
@@ -267,8 +232,8 @@ static void draw_ray(const step *s, lf_tape *tape, long ray)
     s->counts[ray] = good > s->batch->seen_samples;
 }
 
-static double refine_rays(const step *s, lf_tape *tape, const tile *coarse, const lf_real *weight,
-                          lf_tensor *maps, lf_tensor **loss)
+static double refine_rays(const step *s, lf_tape *tape, const lf_ray_tile *coarse,
+                          const lf_real *weight, lf_tensor *maps, lf_tensor **loss)
 {
     const lf_renderer_config *c = &s->work->model->config;
     const long all = c->samples + c->fine;
@@ -278,25 +243,25 @@ static double refine_rays(const step *s, lf_tape *tape, const tile *coarse, cons
         lf_refine(c->samples, coarse->depth + i * c->samples, weight + i * c->samples, c->fine,
                   &stream, depth + i * all);
     }
-    tile fine = *coarse;
+    lf_ray_tile fine = *coarse;
     fine.samples = all;
     fine.depth = depth;
-    const passed p = pass(tape, s->work, &fine, LF_FINE, maps);
+    const lf_passed p = lf_render_pass(tape, s->work, &fine, LF_FINE, maps);
     *loss = lf_squared_error(tape, p.rendered.colour, s->batch->colour + 3 * fine.from,
                              s->counts + fine.from);
     return (double)(*loss)->value[0];
 }
 
-static double run_tile(const step *s, lf_tape *tape, const lane *l, long from, long count)
+static double run_tile(const step *s, lf_tape *tape, const lf_render_lane *l, long from, long count)
 {
     lf_render_work *w = s->work;
     const long samples = w->model->config.samples;
     lf_tape_reset(tape);
     lf_tape_set_lane(tape, l->grad, w->model->head_first);
     lf_tensor *maps = lf_leaf(tape, 1, LF_DIMS(w->maps_size), w->maps, l->maps);
-    const tile t = {&s->batch->rays,           from,           count, samples,
-                    s->depth + from * samples, s->batch->white};
-    const passed p = pass(tape, w, &t, LF_COARSE, maps);
+    const lf_ray_tile t = {&s->batch->rays,           from,           count, samples,
+                           s->depth + from * samples, s->batch->white};
+    const lf_passed p = lf_render_pass(tape, w, &t, LF_COARSE, maps);
     lf_tensor *loss =
         lf_squared_error(tape, p.rendered.colour, s->batch->colour + 3 * from, s->counts + from);
     double error = (double)loss->value[0];
@@ -309,7 +274,7 @@ static double run_tile(const step *s, lf_tape *tape, const lane *l, long from, l
     return error;
 }
 
-static void clear_lane(const lf_render_work *w, lane *l)
+static void clear_lane(const lf_render_work *w, lf_render_lane *l)
 {
     if (l->maps_room < w->maps_size) {
         free(l->maps);
@@ -324,7 +289,7 @@ static void clear_lane(const lf_render_work *w, lane *l)
 
 static void run_lane(const step *s, lf_tape *tape, int number)
 {
-    lane *l = &s->work->lane[number];
+    lf_render_lane *l = &s->work->lane[number];
     const long rays = s->work->tile, count = s->batch->rays.count;
     clear_lane(s->work, l);
     for (long t = number; t * rays < count; t += LF_RENDER_LANES) {
@@ -359,7 +324,7 @@ static double reduce_lanes(const lf_render_work *w)
 static void draw_rays(step *s)
 {
     const long count = s->batch->rays.count;
-#pragma omp parallel for schedule(static) num_threads(workers())
+#pragma omp parallel for schedule(static) num_threads(lf_render_workers())
     for (long r = 0; r < count; r++)
         draw_ray(s, s->work->worker[omp_get_thread_num()], r);
     for (long r = 0; r < count; r++)
@@ -372,7 +337,7 @@ double lf_render_step(lf_render_work *work, const lf_render_batch *batch, long *
     lf_store_zero_grads(work->model->store);
     lf_tape_reset(work->features);
     lf_tape_set_grad(work->features, true);
-    encode(work, batch->views, batch->source);
+    lf_render_maps(work, batch->views, batch->source);
     step s = {
         work, batch,
         lf_alloc(work->features, (size_t)(count * work->model->config.samples) * sizeof(double)),
@@ -382,195 +347,10 @@ double lf_render_step(lf_render_work *work, const lf_render_batch *batch, long *
         *counted = s.counted;
     if (s.counted == 0)
         return 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
+#pragma omp parallel for schedule(dynamic, 1) num_threads(lf_render_workers())
     for (int l = 0; l < LF_RENDER_LANES; l++)
         run_lane(&s, work->worker[omp_get_thread_num()], l);
     const double total = reduce_lanes(work);
     lf_backward_from(work->features);
     return total / (3.0 * (double)s.counted);
-}
-
-/* ---- evaluation -------------------------------------------------------------------------------
- */
-
-void lf_render_encode(lf_render_work *work, long views, const lf_source *source)
-{
-    lf_tape_reset(work->features);
-    lf_tape_set_grad(work->features, false);
-    encode(work, views, source);
-}
-
-lf_render_savings lf_render_savings_none(void)
-{
-    return (lf_render_savings){.empty = -1};
-}
-
-typedef struct evaluation {
-    lf_render_work *work;
-    const lf_target_rays *rays;
-    const lf_render_savings *savings;
-    bool white;
-    lf_ray_image *out;
-} evaluation;
-
-static bool inside(const lf_bounds *b, const double p[3])
-{
-    const double x = p[0] - b->centre[0], y = p[1] - b->centre[1], z = p[2] - b->centre[2];
-    return b->radius <= 0 || x * x + y * y + z * z <= b->radius * b->radius;
-}
-
-/* Keep the depths of one ray that may show something, and their numbers; returns how many. */
-static long keep_samples(const evaluation *e, lf_tape *tape, long ray, long samples, double *depth,
-                         long *number)
-{
-    const lf_render_work *w = e->work;
-    const lf_mark mark = lf_tape_mark(tape);
-    const lf_seen_samples seen =
-        lf_see_samples(tape, e->rays, ray, 1, samples, depth, w->views, w->source);
-    long kept = 0;
-    for (long i = 0; i < samples; i++) {
-        bool any = !e->savings->unseen;
-        for (long v = 0; !any && v < w->views; v++)
-            any = seen.seen[i * w->views + v];
-        if (any && inside(&e->savings->bounds, seen.point + 3 * i)) {
-            depth[kept] = depth[i];
-            number[kept++] = i;
-        }
-    }
-    lf_tape_release(tape, mark);
-    return kept;
-}
-
-/* Depths beyond which less than `stop` of the light is left are dropped. */
-static long stop_samples(const lf_real *weight, long coarse, const double *coarse_depth,
-                         double stop, long samples, const double *depth)
-{
-    double left = 1, end = INFINITY;
-    for (long i = 0; i < coarse && end == INFINITY; i++) {
-        left -= (double)weight[i];
-        if (left < stop)
-            end = i + 1 < coarse ? coarse_depth[i + 1] : INFINITY;
-    }
-    while (samples > 0 && depth[samples - 1] > end)
-        samples--;
-    return samples;
-}
-
-static void write_ray(const evaluation *e, long ray, const lf_rendered *r, long row)
-{
-    double opacity = 0;
-    const long samples = r ? lf_cols(r->weight) : 0;
-    for (long i = 0; i < samples; i++)
-        opacity += (double)r->weight->value[row * samples + i];
-    for (int a = 0; a < 3; a++)
-        e->out->colour[3 * ray + a] = r ? (float)r->colour->value[3 * row + a] : (float)e->white;
-    e->out->opacity[ray] = (float)opacity;
-    e->out->depth[ray] =
-        opacity > 1e-3 ? (float)((double)r->depth->value[row] / opacity) : (float)e->rays->far;
-}
-
-/* One network on the rays of a tile, without gradient. */
-static passed look(const evaluation *e, lf_tape *tape, const tile *t, int network, long *rows)
-{
-    lf_tensor *maps = lf_leaf(tape, 1, LF_DIMS(e->work->maps_size), e->work->maps, NULL);
-    const passed p = pass(tape, e->work, t, network, maps);
-    *rows += p.geometry->rays * p.geometry->samples * p.geometry->views;
-    return p;
-}
-
-static void write_rays(const evaluation *e, const tile *t, const passed *p)
-{
-    for (long i = 0; i < t->count; i++)
-        write_ray(e, t->from + i, &p->rendered, i);
-}
-
-/* Rays with as many samples each, together. */
-static long run_plain(const evaluation *e, lf_tape *tape, long from, long count)
-{
-    const lf_renderer_config *c = &e->work->model->config;
-    const long samples = c->samples, all = samples + c->fine;
-    long rows = 0;
-    lf_tape_reset(tape);
-    double *depth = lf_alloc(tape, (size_t)(count * all) * sizeof *depth);
-    double *coarse = lf_alloc(tape, (size_t)(count * samples) * sizeof *coarse);
-    for (long i = 0; i < count; i++)
-        lf_strata(samples, e->rays->near, e->rays->far, NULL, coarse + i * samples);
-    tile t = {e->rays, from, count, samples, coarse, e->white};
-    passed p = look(e, tape, &t, LF_COARSE, &rows);
-    if (e->work->model->networks > 1) {
-        const lf_real *weight = p.rendered.weight->value;
-        for (long i = 0; i < count; i++)
-            lf_refine(samples, coarse + i * samples, weight + i * samples, c->fine, NULL,
-                      depth + i * all);
-        t.samples = all;
-        t.depth = depth;
-        p = look(e, tape, &t, LF_FINE, &rows);
-    }
-    write_rays(e, &t, &p);
-    return rows;
-}
-
-/* One ray with the samples that it needs, of those that it would have: places of fine samples
- * follow the weights of all coarse ones, 0 where one was left out. */
-static long run_saving(const evaluation *e, lf_tape *tape, long ray)
-{
-    const lf_renderer_config *c = &e->work->model->config;
-    const long samples = c->samples, all = samples + c->fine;
-    long rows = 0;
-    lf_tape_reset(tape);
-    double *coarse = lf_alloc(tape, (size_t)samples * sizeof *coarse);
-    double *depth = lf_alloc(tape, (size_t)all * sizeof *depth);
-    long *number = lf_alloc(tape, (size_t)all * sizeof *number);
-    lf_real *weight = lf_alloc_reals(tape, samples);
-    double opacity = 0;
-    lf_strata(samples, e->rays->near, e->rays->far, NULL, coarse);
-    memcpy(depth, coarse, (size_t)samples * sizeof *depth);
-    memset(weight, 0, (size_t)samples * sizeof *weight);
-    tile t = {e->rays, ray, 1, keep_samples(e, tape, ray, samples, depth, number), depth, e->white};
-    passed p;
-    if (t.samples)
-        p = look(e, tape, &t, LF_COARSE, &rows);
-    for (long i = 0; i < t.samples; i++) {
-        weight[number[i]] = p.rendered.weight->value[i];
-        opacity += (double)weight[number[i]];
-    }
-    if (e->work->model->networks > 1 && opacity > e->savings->empty) {
-        double *refined = lf_alloc(tape, (size_t)all * sizeof *refined);
-        lf_refine(samples, coarse, weight, c->fine, NULL, refined);
-        t.samples = e->savings->stop > 0
-                        ? stop_samples(weight, samples, coarse, e->savings->stop, all, refined)
-                        : all;
-        t.samples = keep_samples(e, tape, ray, t.samples, refined, number);
-        t.depth = refined;
-        if (t.samples)
-            p = look(e, tape, &t, LF_FINE, &rows);
-    }
-    write_ray(e, ray, t.samples ? &p.rendered : NULL, 0);
-    return rows;
-}
-
-static bool saves(const lf_render_savings *s)
-{
-    return s->unseen || s->bounds.radius > 0 || s->stop > 0 || s->empty >= 0;
-}
-
-void lf_render_rays(lf_render_work *work, const lf_target_rays *rays, bool white,
-                    const lf_render_savings *savings, lf_ray_image *out)
-{
-    const evaluation e = {work, rays, savings, white, out};
-    const bool saving = saves(savings);
-    const long each = saving ? 1 : work->tile, tiles = (rays->count + each - 1) / each;
-    long rows = 0;
-    for (int l = 0; l < LF_RENDER_LANES; l++)
-        lf_tape_set_grad(work->worker[l], false);
-#pragma omp parallel for schedule(dynamic, 4) num_threads(workers()) reduction(+ : rows)
-    for (long t = 0; t < tiles; t++) {
-        lf_tape *tape = work->worker[omp_get_thread_num()];
-        const long from = t * each, left = rays->count - from;
-        rows += saving ? run_saving(&e, tape, from)
-                       : run_plain(&e, tape, from, left < each ? left : each);
-    }
-    for (int l = 0; l < LF_RENDER_LANES; l++)
-        lf_tape_set_grad(work->worker[l], true);
-    out->rows = rows;
 }
