@@ -164,6 +164,7 @@ const lf_key lf_schema[] = {
     INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
     INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; resolution is it times a power of two."),
     INT("eval.views", "0", 0, 100000, "Renderers: most views of a scene to evaluate; 0: all."),
+    INT("eval.sources", "0", 0, 64, "Renderers: source views of an evaluated view; 0: render.sources. The networks take any number."),
     BOOL("eval.skip_unseen", "true", "renderer: samples that no source view sees are not computed (exact)."),
     BOOL("eval.skip_outside", "false", "Renderers: samples outside the ball that outlines leave for the scene are not computed."),
     REAL("eval.empty", "-1", -1, 1, "Renderers: no fine samples on rays whose coarse opacity is at most this; -1: everywhere."),

@@ -40,6 +40,12 @@ void lf_loaded_renderer_close(lf_loaded_renderer *l)
     *l = (lf_loaded_renderer){0};
 }
 
+long lf_render_sources(const lf_loaded_renderer *l)
+{
+    const long sources = lf_config_int(l->cfg, "eval.sources");
+    return sources ? sources : l->model.config.sources;
+}
+
 /* ---- one view ---------------------------------------------------------------------------------
  */
 
@@ -126,7 +132,7 @@ typedef struct evaluation {
 
 static lf_render_view_options view_options(const evaluation *e, const lf_motion *motion)
 {
-    return (lf_render_view_options){.sources = e->loaded->model.config.sources, .motion = motion};
+    return (lf_render_view_options){.sources = lf_render_sources(e->loaded), .motion = motion};
 }
 
 /* The frame of rotation k, the same for every view. */
@@ -405,7 +411,7 @@ lf_status lf_render_evaluate(lf_loaded_renderer *l, const lf_render_job *job, lf
                                   .train_setting = "I",
                                   .eval_setting = e.turns ? "SO3" : "I",
                                   .split = job->split,
-                                  .sources = (int)l->model.config.sources,
+                                  .sources = (int)lf_render_sources(l),
                                   .samples = (int)(l->model.config.samples + l->model.config.fine),
                                   .lpips = e.lpips};
     const lf_status status = evaluate(&e, err);

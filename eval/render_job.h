@@ -54,6 +54,9 @@ lf_status lf_render_check(lf_loaded_renderer *loaded, const lf_render_job *job, 
 /* ---- shared by the jobs -----------------------------------------------------------------------
  */
 
+/* Source views of an evaluated view: eval.sources, or the training's. */
+long lf_render_sources(const lf_loaded_renderer *loaded);
+
 /* A whole view in a frame. */
 typedef struct lf_rendering {
     lf_image *image; /* 3 channels */

@@ -13,7 +13,7 @@
 static lf_status render_frame(lf_loaded_renderer *l, const lf_scene_entry *entry,
                               const lf_camera *camera, const char *path, lf_error *err)
 {
-    const lf_render_view_options o = {.sources = l->model.config.sources};
+    const lf_render_view_options o = {.sources = lf_render_sources(l)};
     lf_render_view v;
     LF_TRY(lf_render_camera_open(entry, camera, &o, &v, err));
     lf_rendering r = lf_render_whole(l, &v);
@@ -94,7 +94,7 @@ static lf_status check_view(lf_loaded_renderer *l, const lf_scene_entry *entry, 
     for (long k = 0; status == LF_OK && k <= count; k++) {
         lf_stream s = lf_stream_at(1, LF_RANDOM_GROUP, (uint64_t)k, 5);
         const lf_motion motion = lf_motion_random(&s, 1000 * fmax(entry->radius, 1));
-        const lf_render_view_options o = {.sources = l->model.config.sources,
+        const lf_render_view_options o = {.sources = lf_render_sources(l),
                                           .motion = k ? &motion : NULL};
         lf_render_view v;
         status = lf_render_view_open(entry, target, &o, &v, err);

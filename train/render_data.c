@@ -69,14 +69,16 @@ static lf_status check_views(const lf_config *cfg, const lf_scene_entry *e, cons
                              lf_error *err)
 {
     long targets;
-    const long sources = lf_config_int(cfg, "render.sources"), there = e->count[LF_SPLIT_TRAIN];
+    const bool own = strcmp(split, "test") == 0 && lf_config_int(cfg, "eval.sources") > 0;
+    const char *const key = own ? "eval.sources" : "render.sources";
+    const long sources = lf_config_int(cfg, key), there = e->count[LF_SPLIT_TRAIN];
     const bool themselves = lf_render_targets(e, split, &targets) == e->view[LF_SPLIT_TRAIN];
     if (strcmp(split, "train") == 0 || there >= sources + themselves)
         return LF_OK;
     return lf_fail(err, LF_BAD_INPUT,
-                   "%s has %ld training views%s: too few for render.sources = %ld; lower it, or "
-                   "hold out fewer (data.hold_out)",
-                   e->name, there, themselves ? ", one of which is rendered" : "", sources);
+                   "%s has %ld training views%s: too few for %s = %ld; lower it, or hold out fewer "
+                   "(data.hold_out)",
+                   e->name, there, themselves ? ", one of which is rendered" : "", key, sources);
 }
 
 lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
@@ -163,8 +165,9 @@ static lf_status choose(const lf_scene_entry *e, const lf_camera *camera, long t
     else
         status = lf_scene_nearest(e->scene, camera, e->nearness, e->centre, count, from, target,
                                   o->sources, out, err);
-    return status == LF_OK ? LF_OK
-                           : lf_error_context(err, status, "render.sources = %ld", o->sources);
+    return status == LF_OK
+               ? LF_OK
+               : lf_error_context(err, status, "render.sources or eval.sources = %ld", o->sources);
 }
 
 static lf_status hold_sources(lf_render_view *v, const lf_render_view_options *o, lf_error *err)
