@@ -167,7 +167,7 @@ static lf_status make(long number, const char *mesh, const lf_scene_set_options 
     options.size = o->size;
     options.mesh = mesh;
     if (options.kind == LF_KIND_FORWARD) { /* a patch needs fewer views than a half sphere */
-        options.train_views = 18;
+        options.train_views = 12;
         options.test_views = 3;
     }
     LF_TRY(lf_scene_make(&options, &e->scene, err));
