@@ -204,7 +204,7 @@ static void the_target_is_no_source_of_itself(void **state)
             lf_stream r = lf_stream_at(3, LF_RANDOM_TEST, 8, (uint64_t)draws);
             const lf_render_view_options o = {
                 .sources = SOURCES, .draw = draws ? &r : NULL, .pool = {0.4, 0.4, 0.2}};
-            const long target = e->view[LF_SPLIT_TRAIN][draws];
+            const long target = e->view[LF_SPLIT_TRAIN][draws % e->count[LF_SPLIT_TRAIN]];
             lf_render_view v;
             assert_int_equal(lf_render_view_open(e, target, &o, &v, NULL), LF_OK);
             for (long s = 0; s < SOURCES; s++) {
