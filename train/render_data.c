@@ -165,9 +165,9 @@ static lf_status choose(const lf_scene_entry *e, const lf_camera *camera, long t
     else
         status = lf_scene_nearest(e->scene, camera, e->nearness, e->centre, count, from, target,
                                   o->sources, out, err);
-    return status == LF_OK
-               ? LF_OK
-               : lf_error_context(err, status, "render.sources or eval.sources = %ld", o->sources);
+    return status == LF_OK ? LF_OK
+                           : lf_error_context(err, status, "render.sources = %ld (or eval.sources)",
+                                              o->sources);
 }
 
 static lf_status hold_sources(lf_render_view *v, const lf_render_view_options *o, lf_error *err)
