@@ -159,7 +159,7 @@ static int warn_views(const lf_config *cfg, FILE *out)
     return warnings;
 }
 
-static int warn_steps(const lf_config *cfg, bool validates, FILE *out)
+static int warn_steps(const lf_config *cfg, FILE *out)
 {
     int warnings = 0;
     const long warmup = lf_config_int(cfg, "train.warmup"),
@@ -171,7 +171,7 @@ static int warn_steps(const lf_config *cfg, bool validates, FILE *out)
     }
     const long save = lf_config_int(cfg, "train.checkpoint_every"),
                validate = lf_config_int(cfg, "train.val_every");
-    if (validates && save % validate && validate % save) {
+    if (lf_config_int(cfg, "data.val_shapes") > 0 && save % validate && validate % save) {
         fprintf(out,
                 "train.checkpoint_every = %ld does not go with train.val_every = %ld: only "
                 "checkpoints of steps that are validated can be kept as the best\n",
@@ -184,6 +184,6 @@ static int warn_steps(const lf_config *cfg, bool validates, FILE *out)
 int lf_config_warn(const lf_config *cfg, FILE *out)
 {
     if (!lf_config_is(cfg, "model.type", "equivariant"))
-        return warn_steps(cfg, true, out);
-    return warn_views(cfg, out) + warn_steps(cfg, lf_config_int(cfg, "data.val_shapes") > 0, out);
+        return warn_steps(cfg, out);
+    return warn_views(cfg, out) + warn_steps(cfg, out);
 }
