@@ -43,12 +43,13 @@ static void describe(const char *split, const lf_scene_set *set)
         lf_scene_depths_of(e, c, &near, &far);
         if (e->builtin)
             continue;
-        printf(
-            "%s: %s: %ld + %ld + %ld views (train, val, test) of %d x %d, depths %.3g to %.3g%s, "
-            "sources by %s, %s ground\n",
-            split, e->name, e->count[0], e->count[1], e->count[2], c->width, c->height, near, far,
-            e->near_raised ? " (near raised to far / 1000)" : "",
-            e->nearness == LF_NEAR_ANGLE ? "angle" : "distance", e->white ? "white" : "black");
+        printf("%s: %s: %ld + %ld + %ld views (train, val, test) of %d x %d, depths %.3g to %.3g "
+               "(%s)%s, "
+               "sources by %s, %s ground\n",
+               split, e->name, e->count[0], e->count[1], e->count[2], c->width, c->height, near,
+               far, e->radius > 0 ? "from outlines" : lf_scene_depths_name(e->scene->depths),
+               e->near_raised ? " (near raised to far / 1000)" : "",
+               e->nearness == LF_NEAR_ANGLE ? "angle" : "distance", e->white ? "white" : "black");
         if (e->scene->left)
             printf("  %ld frames left out; elf-eval check-data %s lists them\n", e->scene->left,
                    e->name);
