@@ -20,7 +20,7 @@ typedef struct shape {
 static void init_unit(lf_store *store, const char *prefix, const char *what, shape s,
                       lf_feature_unit *unit)
 {
-    char name[NAME], part[NAME + 8];
+    char name[2 * NAME], part[2 * NAME + 8];
     const int fan = 6 * s.size * s.size * (int)s.in; /* variance 2 / fan = 1 / (3 fan in) */
     snprintf(name, sizeof name, "%s.%s", prefix, what);
     *unit = (lf_feature_unit){.scale = NULL};
