@@ -104,7 +104,7 @@ const lf_key lf_schema[] = {
     REAL("data.real_share", "0.5", 0, 1, "Share of the steps that take a scene from files where built-in ones are mixed in."),
     TEXT("data.category", "chair", "Folder below the root; built-in shapes are chair, airplane and car."),
     CHOICE("data.setting", "I", "I|Z|R|Y|SO3",
-           "How views are turned: not; each rolled; look-at points moved and rolled; object about y; object freely."),
+           "How views are turned: not; each rolled; look-at points moved and rolled; object about y; object freely. Renderers: I."),
     INT("data.image_size", "65", 3, 4097, "Pixels along an edge of a view; 32 k + 1 keeps quarter turns exact."),
     CHOICE("data.channels", "shade-mask", "shade-mask|colour",
            "Channels of a view: shade and mask, or red, green, blue and mask."),
