@@ -192,9 +192,9 @@ static lf_status finish(lf_scene_reader *r, const char *path, lf_error *err)
 
 static lf_status check_options(const lf_scene_options *o, lf_error *err)
 {
-    if (o->factor < 1 || o->factor > 64)
-        return lf_fail(err, LF_BAD_INPUT, "factor %d: pictures are reduced 1 to 64 times",
-                       o->factor);
+    if (o->factor < 1 || o->factor > LF_FACTOR_MAX)
+        return lf_fail(err, LF_BAD_INPUT, "factor %d: pictures are reduced 1 to %d times",
+                       o->factor, (int)LF_FACTOR_MAX);
     if (o->hold_out < 0)
         return lf_fail(err, LF_BAD_INPUT, "hold_out %d: give 0 (none) or every how many views",
                        o->hold_out);

@@ -83,8 +83,10 @@ typedef struct lf_scene {
     struct lf_scene_pictures *pictures;
 } lf_scene;
 
+enum { LF_FACTOR_MAX = 64 };
+
 typedef struct lf_scene_options {
-    int factor;       /* reduce pictures this many times, 1 ... 64 */
+    int factor;       /* reduce pictures this many times, 1 ... LF_FACTOR_MAX */
     int hold_out;     /* layouts without a split: views 0, n, 2n, ... are test; 0: none is */
     double near, far; /* instead of the files' where far > 0 */
     /* multiplied onto the bounds of LF_DEPTHS_FILE, _USUAL and _POINTS, > 0 (IBRNet takes 0.9 and

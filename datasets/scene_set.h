@@ -65,7 +65,7 @@ typedef struct lf_scene_set_options {
 
 /* Open all scenes; built-in ones are rendered, in turn. `progress` (may be NULL) is called with the
  * number done. LF_BAD_INPUT: a folder that is no scene, no scene at all, fewer than two training
- * views, no mesh in the folder. */
+ * views, no mesh in the folder, a `longest` that asks for more than LF_FACTOR_MAX. */
 typedef void lf_scene_set_progress(void *context, long done, long total);
 lf_status lf_scene_set_open(const lf_scene_set_options *options, lf_scene_set_progress *progress,
                             void *context, lf_scene_set **out, lf_error *err);

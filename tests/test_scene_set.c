@@ -338,6 +338,29 @@ static void pictures_are_reduced(void **state)
 
 /* ---- what goes wrong ---- */
 
+static void reduced_too_much(void **state)
+{
+    lf_scene *scene = lf_scene_create("wide");
+    static uint8_t rgb[130 * 2 * 3];
+    for (int v = 0; v < 4; v++) {
+        const double centre[3] = {cos(v), 0, sin(v)}, target[3] = {0, 0, 0};
+        lf_camera c = lf_camera_look_at(centre, target, 0.3, 2);
+        c.width = 130;
+        c.cx = 64.5;
+        char name[8];
+        snprintf(name, sizeof name, "%d", v);
+        lf_scene_add(scene, name, &c, 1, 2, LF_SPLIT_TRAIN, rgb, NULL);
+    }
+    char path[512];
+    assert_int_equal(lf_scene_write(scene, LF_LAYOUT_COLMAP_TEXT, place(state, "wide", path), NULL),
+                     LF_OK);
+    lf_scene_close(scene);
+    lf_scene_set_options o = usual();
+    o.scenes = path;
+    o.longest = 2; /* 65 times */
+    expect_refused(&o, "data.longest = 2");
+}
+
 static void missing_folders(void **state)
 {
     lf_scene_set_options o = usual();
@@ -408,6 +431,7 @@ int main(void)
         cmocka_unit_test(absolute_paths_need_no_root),
         cmocka_unit_test(depths_of_files_are_widened),
         cmocka_unit_test(pictures_are_reduced),
+        cmocka_unit_test(reduced_too_much),
         cmocka_unit_test(missing_folders),
         cmocka_unit_test(too_few_views),
         cmocka_unit_test(nothing_between_near_and_far),
