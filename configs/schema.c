@@ -100,7 +100,7 @@ const lf_key lf_schema[] = {
     CHOICE("data.nearness", "auto", "auto|angle|distance",
            "Source views are the nearest by angle at the scene's centre, or by distance; auto: by angle if the cameras surround it."),
     CHOICE("data.background", "auto", "auto|white|black",
-           "What shines through where nothing is dense; auto: white where pictures have alpha or a white rim."),
+           "What shines through where nothing is dense; auto: white where pictures are transparent or have a white rim."),
     REAL("data.real_share", "0.5", 0, 1, "Share of the steps that take a scene from files where built-in ones are mixed in."),
     TEXT("data.category", "chair", "Folder below the root; built-in shapes are chair, airplane and car."),
     CHOICE("data.setting", "I", "I|Z|R|Y|SO3",

@@ -53,7 +53,7 @@ typedef struct lf_scene_set_options {
     bool outlines;      /* bounds from the outlines of objects on white ground */
     double near_factor, far_factor; /* of the least near and the median far, where files say them */
     int nearness;                   /* lf_nearness, or -1: by how the cameras stand */
-    int white;          /* 1 white, 0 black, -1: white if pictures have alpha or a white rim */
+    int white;          /* 1 white, 0 black, -1: white if pictures are clear or have a white rim */
     size_t cache_bytes; /* of all scenes' pictures together */
     long builtin;       /* built-in scenes */
     lf_scene_kinds kinds;

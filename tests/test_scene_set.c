@@ -336,6 +336,37 @@ static void pictures_are_reduced(void **state)
     }
 }
 
+/* An alpha of 255 everywhere is none: the ground is what the colours say. */
+static void opaque_alpha_says_nothing(void **state)
+{
+    for (int clear = 0; clear < 2; clear++) {
+        static uint8_t rgb[16 * 16 * 3], alpha[16 * 16];
+        lf_scene *scene = lf_scene_create("dark");
+        memset(rgb, 40, sizeof rgb);
+        memset(alpha, 255, sizeof alpha);
+        if (clear) { /* one pixel, far from the rim */
+            alpha[8 * 16 + 8] = 0;
+            memset(rgb + 3 * (8 * 16 + 8), 255, 3);
+        }
+        for (int v = 0; v < 4; v++) {
+            const double centre[3] = {3 * cos(v), 0, 3 * sin(v)}, target[3] = {0, 0, 0};
+            const lf_camera c = lf_camera_look_at(centre, target, 0.3, 16);
+            char name[8];
+            snprintf(name, sizeof name, "%d", v);
+            lf_scene_add(scene, name, &c, 1, 2, LF_SPLIT_TRAIN, rgb, alpha);
+        }
+        char path[512];
+        place(state, clear ? "clear" : "dark", path);
+        assert_int_equal(lf_scene_write(scene, LF_LAYOUT_NERF_SYNTHETIC, path, NULL), LF_OK);
+        lf_scene_close(scene);
+        lf_scene_set_options o = usual();
+        o.scenes = path;
+        lf_scene_set *set = open_set(&o);
+        assert_int_equal(set->entry[0].white, clear);
+        lf_scene_set_close(set);
+    }
+}
+
 /* ---- what goes wrong ---- */
 
 static void reduced_too_much(void **state)
@@ -431,6 +462,7 @@ int main(void)
         cmocka_unit_test(absolute_paths_need_no_root),
         cmocka_unit_test(depths_of_files_are_widened),
         cmocka_unit_test(pictures_are_reduced),
+        cmocka_unit_test(opaque_alpha_says_nothing),
         cmocka_unit_test(reduced_too_much),
         cmocka_unit_test(missing_folders),
         cmocka_unit_test(too_few_views),
