@@ -78,10 +78,13 @@ typedef struct outline {
 static bool shows_ground(const outline *o, const double p[3], double radius)
 {
     double uv[2], depth;
+    const lf_camera *c = o->camera;
     const int width = o->pixels.width, height = o->pixels.height;
-    if (!lf_camera_project(o->camera, p, 2 * radius, uv, &depth))
+    if (!lf_camera_project(c, p, 2 * radius, uv, &depth))
         return false;
-    const double reach = ceil(fmax(o->camera->fx, o->camera->fy) * radius / (depth - radius)) + 1;
+    /* off the axis by an angle the ball is seen wider by 1 / its cosine, at most */
+    const double wider = hypot(1, hypot((uv[0] - c->cx) / c->fx, (uv[1] - c->cy) / c->fy));
+    const double reach = ceil(fmax(c->fx, c->fy) * wider * radius / (depth - radius)) + 1;
     const double left = uv[0] - reach, right = uv[0] + reach;
     const double top = uv[1] - reach, bottom = uv[1] + reach;
     if (!o->whole && (left < 0 || right > width - 1 || top < 0 || bottom > height - 1))

@@ -2,6 +2,7 @@
  * depths, its views; lists of folders and numbers of built-in scenes; messages. */
 #include <limits.h>
 
+#include "datasets/scene_bounds.h"
 #include "datasets/scene_make_internal.h"
 #include "datasets/scene_set.h"
 #include "tests/scene_fixture.h"
@@ -112,6 +113,81 @@ static void bounds_enclose_the_outlines(void **state)
         assert_true(covered > 1000);
     }
     lf_scene_set_close(set);
+}
+
+enum { WIDE = 600, WIDE_VIEWS = 6 };
+
+static double apart(const double a[3], const double b[3])
+{
+    return hypot(hypot(a[0] - b[0], a[1] - b[1]), a[2] - b[2]);
+}
+
+/* Cameras on the axes, with a lens of 2 x 76 degrees, see two dots on white, each of
+ * one pixel. */
+static lf_scene *wide_scene(double (*dot)[3])
+{
+    static uint8_t rgb[WIDE * WIDE * 3], alpha[WIDE * WIDE];
+    lf_scene *scene = lf_scene_create("wide");
+    memset(rgb, 255, sizeof rgb);
+    for (int v = 0; v < WIDE_VIEWS; v++) {
+        double centre[3] = {v / 2 == 0 ? 4 : 0, v / 2 == 1 ? 4 : 0, v / 2 == 2 ? 4 : 0};
+        const double target[3] = {0, 0, 0};
+        if (v % 2)
+            for (int i = 0; i < 3; i++)
+                centre[i] = -centre[i];
+        lf_camera c = lf_camera_look_at(centre, target, 0.3, WIDE);
+        c.fx = c.fy = 0.125 * WIDE;
+        memset(alpha, 0, sizeof alpha);
+        for (int d = 0; d < 2; d++) {
+            double uv[2], depth;
+            if (lf_camera_project(&c, dot[d], 0.1, uv, &depth) &&
+                fabs(uv[0] - c.cx) < WIDE / 2 - 1 && fabs(uv[1] - c.cy) < WIDE / 2 - 1)
+                alpha[lround(uv[1]) * WIDE + lround(uv[0])] = 255;
+        }
+        char name[8];
+        snprintf(name, sizeof name, "%d", v);
+        lf_scene_add(scene, name, &c, 1, 9, LF_SPLIT_TRAIN, rgb, alpha);
+    }
+    return scene;
+}
+
+/* Cells whose balls hold a dot are kept, so the bounds have them inside. */
+static void check_bounds(double (*dot)[3])
+{
+    const double edge = 1.4 * 4 / 48, ball = 0.8661 * edge; /* of the grid in scene_bounds.c */
+    long views[WIDE_VIEWS] = {0, 1, 2, 3, 4, 5}, held = 0;
+    lf_scene_entry e = {.scene = wide_scene(dot)};
+    e.count[LF_SPLIT_TRAIN] = WIDE_VIEWS;
+    e.view[LF_SPLIT_TRAIN] = views;
+    assert_int_equal(lf_entry_find_bounds(&e, NULL), LF_OK);
+    for (long c = 0; c < 48L * 48 * 48; c++) {
+        const long at[3] = {c / 48 / 48, c / 48 % 48, c % 48};
+        double p[3];
+        for (int a = 0; a < 3; a++)
+            p[a] = ((double)at[a] - 23.5) * edge;
+        if (apart(p, dot[0]) > 0.999 * ball && apart(p, dot[1]) > 0.999 * ball)
+            continue;
+        held++;
+        assert_true(apart(p, e.centre) <= e.radius - ball + 1e-9);
+    }
+    assert_true(held > 2);
+    lf_scene_close(e.scene);
+}
+
+/* The ball round a cell reaches further off the axis of a wide lens: without that, cells of each of
+ * these dots would be lost. */
+static void bounds_of_a_wide_lens(void **state)
+{
+    (void)state;
+    for (uint64_t k = 7; k < 10; k++) {
+        double dot[2][3];
+        lf_stream s = lf_stream_at(5, LF_RANDOM_TEST, 4, k);
+        for (int i = 0; i < 3; i++) {
+            dot[0][i] = 2.4 + 0.3 * lf_uniform(&s); /* in a corner, 70 degrees off three axes */
+            dot[1][i] = 0.8 * dot[0][i];
+        }
+        check_bounds(dot);
+    }
 }
 
 /* Depths of what the cameras see lie between near and far, for cameras of all splits. */
@@ -463,6 +539,7 @@ int main(void)
         cmocka_unit_test(depths_of_files_are_widened),
         cmocka_unit_test(pictures_are_reduced),
         cmocka_unit_test(opaque_alpha_says_nothing),
+        cmocka_unit_test(bounds_of_a_wide_lens),
         cmocka_unit_test(reduced_too_much),
         cmocka_unit_test(missing_folders),
         cmocka_unit_test(too_few_views),
