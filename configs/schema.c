@@ -124,7 +124,7 @@ const lf_key lf_schema[] = {
          "Taken off the distances, so that open sheets have an inside; -1: 0.004 for files, 0 for built-in shapes."),
     CHOICE("data.sign", "auto", "auto|escape|winding",
            "Inside or outside: by rays that escape, by winding number, or chosen by the mesh."),
-    INT("data.cache_mb", "2000", 1, 1000000, "Most memory for stored views and points, in MB."),
+    INT("data.cache_mb", "2000", 1, 1000000, "Most memory for stored views and points, in MB; renderers: for pictures of the scenes of a split."),
 
     REAL("loss.clamp", "0.1", 1e-6, 10, "Distances are clamped to plus or minus this, on both sides."),
     REAL("loss.near", "0.01", -10, 10, "Points with a distance up to this get the weight near_weight."),

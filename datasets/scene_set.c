@@ -144,6 +144,8 @@ static lf_status open_folder(const char *folder, const lf_scene_set_options *o, 
     return look(e, o, err);
 }
 
+enum { ROOM_TRAIN = 12, ROOM_TEST = 3 };
+
 static lf_scene_kind kind_of(lf_scene_kinds kinds, long number)
 {
     switch (kinds) {
@@ -172,11 +174,23 @@ static lf_status make(long number, const char *mesh, const lf_scene_set_options 
     options.size = o->size;
     options.mesh = mesh;
     if (options.kind == LF_KIND_FORWARD) { /* a patch needs fewer views than a half sphere */
-        options.train_views = 12;
-        options.test_views = 3;
+        options.train_views = ROOM_TRAIN;
+        options.test_views = ROOM_TEST;
     }
     LF_TRY(lf_scene_make(&options, &e->scene, err));
     return look(e, o, err);
+}
+
+double lf_scene_set_builtin_bytes(const lf_scene_set_options *o)
+{
+    const lf_scene_make_options object = lf_scene_make_defaults();
+    const double edge = (double)o->size, high = 2 * round(0.375 * edge); /* of a room's pictures */
+    const double room = (ROOM_TRAIN + ROOM_TEST) * edge * high * 3;      /* no alpha */
+    const double around = (double)(object.train_views + object.test_views) * edge * edge * 4;
+    double bytes = 0;
+    for (long i = 0; i < o->builtin; i++)
+        bytes += kind_of(o->kinds, o->first + i) == LF_KIND_FORWARD ? room : around;
+    return bytes;
 }
 
 /* ---- lists -------------------------------------------------------------------------------------
@@ -272,6 +286,7 @@ static lf_status fill(lf_scene_set *set, const list *scenes, const list *meshes,
                       lf_error *err)
 {
     const long total = scenes->count + o->builtin;
+    const double left = fmax((double)o->cache_bytes - lf_scene_set_builtin_bytes(o), 0);
     for (long i = 0; i < total; i++) {
         lf_scene_entry *e = &set->entry[set->count++];
         const long number = o->first + i - scenes->count;
@@ -284,7 +299,7 @@ static lf_status fill(lf_scene_set *set, const list *scenes, const list *meshes,
         const char *mesh = meshes->count ? meshes->path[number * 7919 % meshes->count] : NULL;
         LF_TRY(e->builtin
                    ? make(number, mesh, o, e, err)
-                   : open_folder(scenes->path[i], o, o->cache_bytes / (size_t)total, e, err));
+                   : open_folder(scenes->path[i], o, (size_t)left / (size_t)scenes->count, e, err));
         if (progress)
             progress(context, i + 1, total);
     }

@@ -324,6 +324,39 @@ static void splits_of_a_config(void **state)
     lf_config_free(other);
 }
 
+/* What built-in scenes take is known before they are made. */
+static void built_in_scenes_fit_the_cache(void **state)
+{
+    (void)state;
+    static const char *const kinds[] = {"data.kinds=all", "data.kinds=objects",
+                                        "data.kinds=forward"};
+    for (int k = 0; k < 3; k++) {
+        const lf_scene_set_options o = {
+            .builtin = 3,
+            .kinds = k == 0   ? LF_KINDS_ALL
+                     : k == 1 ? LF_KINDS_OBJECTS
+                              : LF_KINDS_FORWARD,
+            .size = 24,
+        };
+        lf_config *other = config(kinds[k]);
+        lf_scene_set *set = open_scenes(other, "train");
+        double bytes = 0;
+        for (long i = 0; i < set->count; i++)
+            bytes += (double)lf_scene_bytes(set->entry[i].scene);
+        assert_true(bytes == lf_scene_set_builtin_bytes(&o));
+        lf_scene_set_close(set);
+        lf_config_free(other);
+    }
+    lf_config *much = config("data.builtin_scenes=5000");
+    lf_scene_set *set = NULL;
+    lf_error err = {""};
+    assert_int_equal(lf_render_scenes(much, "train", NULL, NULL, &set, &err), LF_BAD_INPUT);
+    assert_null(set);
+    assert_non_null(strstr(err.text, "data.builtin_scenes = 5000"));
+    assert_non_null(strstr(err.text, "data.cache_mb = 50"));
+    lf_config_free(much);
+}
+
 /* ---- batches ---- */
 
 /* What a step reads, but for its pictures. */
@@ -456,6 +489,7 @@ int main(void)
         cmocka_unit_test(any_camera_can_be_a_target),
         cmocka_unit_test(more_sources_than_views),
         cmocka_unit_test(splits_of_a_config),
+        cmocka_unit_test(built_in_scenes_fit_the_cache),
         cmocka_unit_test(a_batch_is_a_function_of_seed_and_step),
         cmocka_unit_test(white_pixels_come_last),
         cmocka_unit_test(colours_are_those_of_the_pixels),

@@ -81,6 +81,18 @@ static lf_status check_views(const lf_config *cfg, const lf_scene_entry *e, cons
                    e->name, there, themselves ? ", one of which is rendered" : "", key, sources);
 }
 
+/* Built-in scenes stay in memory whole: refuse what is too much before one is made. */
+static lf_status check_cache(const lf_scene_set_options *o, const char *key, lf_error *err)
+{
+    const double needed = lf_scene_set_builtin_bytes(o);
+    if (needed <= (double)o->cache_bytes)
+        return LF_OK;
+    return lf_fail(err, LF_BAD_INPUT,
+                   "%s = %ld scenes with data.scene_size = %d take %.0f MB, and data.cache_mb = "
+                   "%.0f: lower one of them, or raise data.cache_mb if this machine has the memory",
+                   key, o->builtin, o->size, ceil(1e-6 * needed), 1e-6 * (double)o->cache_bytes);
+}
+
 lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
                            void *context, lf_scene_set **out, lf_error *err)
 {
@@ -98,6 +110,7 @@ lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set
     if (!o.scenes && o.builtin == 0)
         return LF_OK;
     lf_scene_set *set;
+    LF_TRY(check_cache(&o, test ? "data.test_builtin" : "data.builtin_scenes", err));
     LF_TRY(lf_scene_set_open(&o, progress, context, &set, err));
     lf_status status = LF_OK;
     for (long i = 0; i < set->count && status == LF_OK; i++) {

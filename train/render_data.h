@@ -12,8 +12,8 @@
 
 /* The scenes of a split of a config: "train", "val" or "test". Where none are named for "val" or
  * "test": NULL, and the training scenes serve, with other views. LF_BAD_INPUT: as
- * lf_scene_set_open; pictures too small for the feature network; for "val" and "test" too few views
- * for render.sources. */
+ * lf_scene_set_open; built-in scenes that take more than data.cache_mb; pictures too small for the
+ * feature network; for "val" and "test" too few views for render.sources. */
 lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
                            void *context, lf_scene_set **out, lf_error *err);
 

@@ -142,11 +142,12 @@ static void print_plan(void *self, long step)
             pictures += lf_scene_bytes(t->scenes->entry[i].scene);
         printf("model: %ld parameters, %.3g GFLOP a step (forward and backward)\n",
                lf_store_trainable(store), 6e-9 * step_macs(t, &batch));
-        printf("memory: %.0f MB of pictures (at most data.cache_mb = %ld), %.0f MB of tapes and "
-               "lanes, %.1f MB of parameters, gradients and moments\n",
-               (double)pictures * 1e-6, lf_config_int(t->cfg, "data.cache_mb"),
-               (double)lf_render_work_bytes(work) * 1e-6,
-               4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6);
+        printf(
+            "memory: %.0f MB of pictures now (at most data.cache_mb = %ld), %.0f MB of tapes and "
+            "lanes, %.1f MB of parameters, gradients and moments\n",
+            (double)pictures * 1e-6, lf_config_int(t->cfg, "data.cache_mb"),
+            (double)lf_render_work_bytes(work) * 1e-6,
+            4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6);
     }
     lf_render_work_free(work);
     lf_renderer_free(&model);
