@@ -320,6 +320,12 @@ static void splits_of_a_config(void **state)
     assert_true(count == 5 && target == set->entry[0].view[LF_SPLIT_TEST]);
     target = lf_render_targets(&set->entry[0], "val", &count); /* there is no such view */
     assert_true(count == 35 && target == set->entry[0].view[LF_SPLIT_TRAIN]);
+    assert_string_equal(lf_render_split(&set->entry[0], "val"), "train");
+    assert_string_equal(lf_render_split(&set->entry[0], "test"), "test");
+    assert_string_equal(lf_render_split_name("test", 5, 0), "test");
+    assert_string_equal(lf_render_split_name("test", 5, 2), "test, train");
+    assert_string_equal(lf_render_split_name("val", 5, 5), "train");
+    assert_string_equal(lf_render_split_name("train", 5, 5), "train");
     lf_scene_set_close(set);
     lf_config_free(other);
 }

@@ -16,12 +16,14 @@ typedef struct lf_task_options {
     bool quiet, check_finite;
 } lf_task_options;
 
-/* How well the model does on what it is not trained on. */
+/* How well the model does on the validation split; a scene without one is validated on views that
+ * it is trained on, and `split` says so. */
 typedef struct lf_validation {
     double loss;       /* the lower the better: picks the best checkpoint */
     const char *name;  /* of the figure for people, a key of metrics.jsonl: "val_iou" */
     const char *label; /* the same in words: "IoU of signs" */
     double figure;
+    const char *split; /* of what it was measured on: "val", "train", "val, train" */
 } lf_validation;
 
 typedef struct lf_task lf_task;

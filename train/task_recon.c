@@ -178,7 +178,7 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
     const recon_task *t = self;
     (void)err;
     const lf_agreement a = lf_validate_shapes(t->work, t->cfg, t->val);
-    *out = (lf_validation){a.loss, "val_iou", "IoU of signs", a.iou};
+    *out = (lf_validation){a.loss, "val_iou", "IoU of signs", a.iou, "val"};
     return LF_OK;
 }
 

@@ -34,28 +34,6 @@ static void opened(void *context, long done, long total)
     lf_progress_update(&p->progress, done, lf_seconds_now() - p->started, "opening scenes");
 }
 
-static void describe(const char *split, const lf_scene_set *set)
-{
-    for (long i = 0; i < set->count; i++) {
-        const lf_scene_entry *e = &set->entry[i];
-        const lf_camera *c = &e->scene->view[0].camera;
-        double near, far;
-        lf_scene_depths_of(e, c, &near, &far);
-        if (e->builtin)
-            continue;
-        printf("%s: %s: %ld + %ld + %ld views (train, val, test) of %d x %d, depths %.3g to %.3g "
-               "(%s)%s, "
-               "sources by %s, %s ground\n",
-               split, e->name, e->count[0], e->count[1], e->count[2], c->width, c->height, near,
-               far, e->radius > 0 ? "from outlines" : lf_scene_depths_name(e->scene->depths),
-               e->near_raised ? " (near raised to far / 1000)" : "",
-               e->nearness == LF_NEAR_ANGLE ? "angle" : "distance", e->white ? "white" : "black");
-        if (e->scene->left)
-            printf("  %ld frames left out; elf-eval check-data %s lists them\n", e->scene->left,
-                   e->name);
-    }
-}
-
 static lf_status open_split(const render_task *t, const char *split, lf_scene_set **out,
                             lf_error *err)
 {
@@ -64,8 +42,32 @@ static lf_status open_split(const render_task *t, const char *split, lf_scene_se
     const lf_status status = lf_render_scenes(t->cfg, split, opened, &p, out, err);
     lf_progress_end(&p.progress);
     if (status == LF_OK && *out && !t->options->quiet)
-        describe(split, *out);
+        lf_render_describe(stdout, split, *out);
     return status;
+}
+
+/* Scenes whose own training views are validated on. */
+static long without_val(const lf_scene_set *set)
+{
+    long without = 0;
+    for (long i = 0; i < set->count; i++)
+        without += strcmp(lf_render_split(&set->entry[i], "val"), "val") != 0;
+    return without;
+}
+
+static void print_scenes(const render_task *t)
+{
+    const lf_scene_set *val = t->val ? t->val : t->scenes;
+    long views = 0, builtin = 0;
+    for (long i = 0; i < t->scenes->count; i++) {
+        views += t->scenes->entry[i].count[LF_SPLIT_TRAIN];
+        builtin += t->scenes->entry[i].builtin;
+    }
+    printf("train: %ld scenes, %ld of them built in, %ld views\n", t->scenes->count, builtin,
+           views);
+    if (lf_config_int(t->cfg, "data.val_shapes") > 0 && without_val(val))
+        printf("validation: on training views of %ld scenes of %ld, which have no val views\n",
+               without_val(val), val->count);
 }
 
 static lf_status open_data(void *self, lf_error *err)
@@ -74,14 +76,8 @@ static lf_status open_data(void *self, lf_error *err)
     LF_TRY(open_split(t, "train", &t->scenes, err));
     LF_TRY(open_split(t, "val", &t->val, err));
     LF_TRY(lf_render_batches_create(t->cfg, t->scenes, &t->batches, err));
-    long views = 0, builtin = 0;
-    for (long i = 0; i < t->scenes->count; i++) {
-        views += t->scenes->entry[i].count[LF_SPLIT_TRAIN];
-        builtin += t->scenes->entry[i].builtin;
-    }
     if (!t->options->quiet)
-        printf("train: %ld scenes, %ld of them built in, %ld views\n", t->scenes->count, builtin,
-               views);
+        print_scenes(t);
     return LF_OK;
 }
 
@@ -228,7 +224,7 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
     const lf_scene_set *set = t->val ? t->val : t->scenes;
     const long most = lf_config_int(t->cfg, "data.val_shapes");
     double loss = 0, psnr = 0;
-    long done = 0;
+    long done = 0, trained = 0;
     for (long round = 0; done < most; round++) {
         const long before = done;
         for (long i = 0; i < set->count && done < most; i++) {
@@ -240,12 +236,14 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
             LF_TRY(view_error(t, &set->entry[i], target[target_number(round, count)], &mse, err));
             loss += mse;
             psnr += -10 * log10(fmax(mse, 1e-10));
+            trained += strcmp(lf_render_split(&set->entry[i], "val"), "val") != 0;
             done++;
         }
         if (done == before)
             break;
     }
-    *out = (lf_validation){loss / (double)done, "val_psnr", "PSNR", psnr / (double)done};
+    *out = (lf_validation){loss / (double)done, "val_psnr", "PSNR", psnr / (double)done,
+                           lf_render_split_name("val", done, trained)};
     return LF_OK;
 }
 

@@ -96,6 +96,7 @@ static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
     if (t->validated) {
         lf_json_real(line, "val_loss", t->validation.loss);
         lf_json_real(line, t->validation.name, t->validation.figure);
+        json_object_set_new(line, "val_split", json_string(t->validation.split));
     }
     if (t->task.log)
         t->task.log(t->task.self, line);
