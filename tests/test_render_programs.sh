@@ -60,6 +60,8 @@ expect 2 'means nothing to make-scene' "$eval" make-scene diffuse --out x --dens
 ### Training and resuming
 
 expect 0 'validation loss' "$train" tiny.ini --out whole
+expect 0 'validation: on training views of 2 scenes of 2' "$train" tiny.ini --out said
+grep -q '"val_split": *"train"' whole/metrics.jsonl || fail "metrics do not say what is validated on"
 expect 0 '3/3' "$train" tiny.ini --out half --set train.steps=3
 expect 0 'resuming' "$train" --resume half --set train.steps=6 --threads 1
 # the schedule knows the number of steps, so a run of 3 steps is another run
@@ -91,6 +93,22 @@ grep -q '"mean_over_scenes"' report.json || fail "no means in the report"
 is_png views/"$(ls views | grep -m1 rendered)" 24 24
 [ -s views/montage.png ] || fail "no montage"
 expect 0 'SO3' "$eval" --checkpoint renderer --setting SO3 --views 1 --no-baselines --json turned.json
+# scenes from files are described; what has no test views is scored, and reported, on training views
+expect 0 'scenes/llff: 14 \+ 0 \+ 2 views' "$eval" --checkpoint renderer --views 1 --no-baselines \
+    --set data.test_builtin=0 --json held.json
+grep -q '"split": "test"' held.json || fail "the report of test views does not say test"
+expect 0 '2 scenes of 2 have no test views' "$eval" --checkpoint renderer --views 1 --no-baselines \
+    --set data.test_scenes="scenes/llff, forward" --set data.test_builtin=0 --set data.hold_out=0 --json held.json
+grep -q '"split": "train"' held.json || fail "the report of training views says test"
+expect 0 'split test, train' "$eval" --checkpoint renderer --views 1 --no-baselines \
+    --set data.test_scenes="scenes/llff" --set data.test_builtin=1 --set data.hold_out=0
+# scenes of one name are two scenes, and their files do not overwrite each other
+mkdir a b && cp -r scenes/llff a/room && cp -r scenes/llff b/room
+expect 0 '^b-room +mean of 1' "$eval" --checkpoint renderer --views 1 --no-baselines --out rooms \
+    --set data.test_scenes="a/room, b/room" --set data.test_builtin=0
+for room in a-room b-room; do
+    ls rooms/$room-*-rendered.png >out 2>err || fail "no picture of $room"
+done
 awk '/"pixel_variance": [0-9]/ { gsub(",", ""); if ($2 > 1e-4) bad = 1; seen = 1 }
      END { exit bad || !seen }' turned.json || fail "the equivariant renderer varies with the frame"
 expect 0 'SO3' "$eval" --checkpoint ibrnet --setting SO3 --views 1 --no-baselines
