@@ -63,7 +63,7 @@ typedef struct lf_rendering {
     lf_image *image; /* 3 channels */
     float *depth;    /* [height][width] */
     double seconds;
-    long rows; /* (sample, view) pairs computed */
+    long rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or not */
 } lf_rendering;
 /* What `cfg` allows to leave out. */
 lf_render_savings lf_render_savings_from(const lf_loaded_renderer *loaded);

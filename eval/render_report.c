@@ -184,7 +184,10 @@ static json_t *definitions_json(const lf_render_report *report)
         "least");
     json_object_set_new(metric, "baselines", baselines);
     json_object_set_new(metric, "seconds", json_string("wall time of one image"));
-    json_object_set_new(metric, "rows", json_string("points that went through the network"));
+    json_object_set_new(
+        metric, "rows",
+        json_string(
+            "(sample, source view) pairs given to the networks, coarse and fine, seen or not"));
     if (lpips && json_object_set_new(metric, "lpips", lpips) == 0)
         return metric;
     json_decref(metric);
@@ -276,9 +279,11 @@ void lf_render_report_print(const lf_render_report *r, FILE *out)
     print_line(out, "mean over scenes", text, &scenes);
     snprintf(text, sizeof text, "mean of %ld", r->images);
     print_line(out, "mean over images", text, &images);
-    fprintf(out, "PSNR in dB; copy, mean, sweep: PSNR of renderers that learn nothing; variance: "
-                 "largest pixel variance over frames, of 0..255; rows: points through the "
-                 "network; -: not available\n");
+    fprintf(
+        out,
+        "PSNR in dB; copy, mean, sweep: PSNR of renderers that learn nothing; variance: "
+        "largest pixel variance over frames, of 0..255; rows: (sample, source view) pairs given to "
+        "the networks, coarse and fine, seen or not; -: not available\n");
 }
 
 /* ---- cost --------------------------------------------------------------------------------------

@@ -27,7 +27,8 @@ typedef struct lf_render_figures {
     double ssim, lpips;    /* lpips only with weights */
     double pixel_variance; /* of renderings in several frames, values 0..255; setting SO3 only */
     double seconds;        /* for the whole image */
-    double rows;           /* points that went through the network; a whole number for an image */
+    double rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or
+                    not; a whole number for an image */
     double baseline[LF_BASELINES]; /* PSNR of copy, mean, sweep, dB */
 } lf_render_figures;
 
