@@ -87,7 +87,7 @@ const lf_key lf_schema[] = {
     INT("data.test_builtin", "0", 0, 100000, "Renderers: unseen built-in scenes to evaluate on."),
     CHOICE("data.kinds", "all", "all|objects|glossy|diffuse|forward",
            "Kinds of built-in scenes: glossy and diffuse objects from all around, forward-facing ones, or some of them in turn."),
-    PATH("data.scene_meshes", "none", "Renderers: folder of meshes (with a train.lst or as they are) to make built-in scenes from; none: procedural shapes."),
+    PATH("data.scene_meshes", "none", "Renderers: folder of meshes to make built-in scenes from: all in it and two folders down, whatever its lists say; none: procedural shapes."),
     INT("data.scene_size", "100", 16, 4096, "Pixels along an edge of the pictures of built-in scenes."),
     INT("data.longest", "128", 0, 32768,
         "Renderers: pictures are reduced by the least whole factor that leaves at most this many pixels along the longer edge; 0: not."),

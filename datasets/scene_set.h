@@ -57,9 +57,10 @@ typedef struct lf_scene_set_options {
     size_t cache_bytes; /* of all scenes' pictures together; built-in ones stay in memory */
     long builtin;       /* built-in scenes */
     lf_scene_kinds kinds;
-    const char *meshes; /* folder of meshes to make them from; NULL: procedural shapes */
-    long first;         /* number of the first built-in one: other numbers, other scenes */
-    int size;           /* pixels along an edge of their pictures */
+    const char
+        *meshes; /* folder of meshes to make them from, all of them; NULL: procedural shapes */
+    long first;  /* number of the first built-in one: other numbers, other scenes */
+    int size;    /* pixels along an edge of their pictures */
     uint64_t seed;
 } lf_scene_set_options;
 
