@@ -134,7 +134,8 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
     char **name = lf_scene_file_names(set);
     lf_status status = LF_OK;
     if (!job->quiet)
-        printf("%ld random rotations of the frame; one view a scene\n%-16s %14s %14s %18s %16s\n",
+        printf("%ld random motions of the frame, translations to 1000 radii; one view a "
+               "scene\n%-16s %14s %14s %18s %16s\n",
                count, "scene", "colour moves", "depth moves", "PSNR, dB", "pixel variance");
     const long scenes = job->scenes > 0 && job->scenes < set->count ? job->scenes : set->count;
     for (long i = 0; status == LF_OK && i < scenes; i++) {
@@ -159,6 +160,7 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
     lf_file_names_free(set->count, name);
     lf_scene_set_close(set);
     json_t *all = json_object();
+    json_object_set_new(all, "experiment", json_string("rendering equivariance"));
     json_object_set_new(all, "motions", json_integer(count));
     json_object_set_new(all, "scenes", rows);
     if (status == LF_OK && job->json)

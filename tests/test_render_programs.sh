@@ -113,6 +113,7 @@ awk '/"pixel_variance": [0-9]/ { gsub(",", ""); if ($2 > 1e-4) bad = 1; seen = 1
      END { exit bad || !seen }' turned.json || fail "the equivariant renderer varies with the frame"
 expect 0 'SO3' "$eval" --checkpoint ibrnet --setting SO3 --views 1 --no-baselines
 expect 0 'colour moves' "$eval" --checkpoint renderer --check-equivariance 3 --shapes 1 --json moved.json
+grep -q '"experiment": "rendering equivariance"' moved.json || fail "moved.json does not say what it is"
 grep -q '"pixel_variance"' moved.json || fail "--check-equivariance writes no JSON"
 for path in orbit spiral; do
     expect 0 'ffmpeg' "$eval" --checkpoint whole --path $path --frames 2 --out $path \
