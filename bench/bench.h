@@ -6,16 +6,19 @@
 #ifndef LF_BENCH_BENCH_H
 #define LF_BENCH_BENCH_H
 
+#include "bench/reference.h"
+
 /* A piece of work with its data. */
 typedef struct lf_bench_work lf_bench_work;
 struct lf_bench_work {
-    double flop;                          /* of one run; 0: only the time is reported */
-    double bytes;                         /* moved by one run, for cases bound by memory; else 0 */
-    double memory;                        /* bytes held, if known after a run; else 0 */
-    void (*run)(lf_bench_work *work);     /* with all threads */
-    double (*error)(lf_bench_work *work); /* largest difference to the double reference over the
-                                           * largest value; NULL: not checked */
-    void (*close)(lf_bench_work *work);   /* free the data and the work itself */
+    double flop;                      /* of one run; 0: only the time is reported */
+    double bytes;                     /* moved by one run, for cases bound by memory; else 0 */
+    double memory;                    /* bytes held, if known after a run; else 0 */
+    void (*run)(lf_bench_work *work); /* with all threads */
+    /* Run fresh work once and give what it computes, for the error against double; NULL: nothing.
+     * All inputs are floats in either precision. */
+    void (*outputs)(lf_bench_work *work, lf_outputs *to);
+    void (*close)(lf_bench_work *work); /* free the data and the work itself */
 };
 
 typedef struct lf_bench_case lf_bench_case;

@@ -20,6 +20,7 @@ typedef struct net_work {
     lf_ibrnet net;
     long rays, samples, views, tile;
     lf_real *seen, *gradient, *difference, *mask, *count;
+    lf_real *colour, *sigma; /* of the last run */
     lf_tape *tape[LANES];
     lf_real *lane[LANES]; /* gradients of the parameters */
 } net_work;
@@ -47,6 +48,9 @@ static void run_tile(const net_work *w, lf_tape *tape, lf_real *lane, long ray)
                 w->gradient + first * INPUTS),
         &geometry, lf_leaf(tape, 4, LF_DIMS(n, s, v, 4), w->difference + first * 4, NULL)};
     const lf_radiance out = lf_ibrnet_apply(tape, &w->net, &in);
+    memcpy(w->colour + ray * s * LF_RGB, out.colour->value,
+           (size_t)out.colour->size * sizeof(lf_real));
+    memcpy(w->sigma + ray * s, out.sigma->value, (size_t)out.sigma->size * sizeof(lf_real));
     lf_tensor *const part[] = {out.colour, out.sigma};
     for (int k = 0; k < 2; k++) {
         lf_real *grad = lf_grad(tape, part[k]);
@@ -76,6 +80,17 @@ static void run(lf_bench_work *work)
     }
 }
 
+static void net_outputs(lf_bench_work *work, lf_outputs *to)
+{
+    const net_work *w = (net_work *)work;
+    const long points = w->rays * w->samples;
+    run(work);
+    lf_outputs_add(to, "colour", points * LF_RGB, w->colour);
+    lf_outputs_add(to, "density", points, w->sigma);
+    lf_outputs_add(to, "gradient", lf_store_size(w->store), lf_store_grads(w->store));
+    lf_outputs_add(to, "features' gradient", points * w->views * INPUTS, w->gradient);
+}
+
 static void close_net(lf_bench_work *work)
 {
     net_work *w = (net_work *)work;
@@ -88,6 +103,8 @@ static void close_net(lf_bench_work *work)
     free(w->difference);
     free(w->mask);
     free(w->count);
+    free(w->colour);
+    free(w->sigma);
     lf_store_free(w->store);
     free(w);
 }
@@ -97,9 +114,9 @@ static void fill(net_work *w)
     const long points = w->rays * w->samples, rows = points * w->views;
     lf_stream r = lf_stream_at(2, LF_RANDOM_TEST, 1, 0);
     for (long i = 0; i < rows * INPUTS; i++)
-        w->seen[i] = (lf_real)lf_uniform(&r);
+        w->seen[i] = lf_reference_input(lf_uniform(&r));
     for (long i = 0; i < rows * 4; i++)
-        w->difference[i] = (lf_real)(2 * lf_uniform(&r) - 1);
+        w->difference[i] = lf_reference_input(2 * lf_uniform(&r) - 1);
     for (long i = 0; i < rows; i++)
         w->mask[i] = 1;
     for (long i = 0; i < points; i++)
@@ -117,7 +134,10 @@ static lf_bench_work *open_net(const lf_bench_case *c)
     w->tile = c->size[3];
     w->store = lf_store_create(1);
     lf_ibrnet_init(w->store, &w->net, "ibrnet", &(lf_ibrnet_config){INPUTS, 16, true});
+    lf_reference_round(lf_store_size(w->store), lf_store_values(w->store));
     const long points = w->rays * w->samples, rows = points * w->views;
+    w->colour = numbers(points * LF_RGB);
+    w->sigma = numbers(points);
     w->seen = numbers(rows * INPUTS);
     w->gradient = numbers(rows * INPUTS);
     w->difference = numbers(rows * 4);
@@ -131,6 +151,7 @@ static lf_bench_work *open_net(const lf_bench_case *c)
     w->work =
         (lf_bench_work){.flop = 6 * (double)points * lf_ibrnet_macs(&w->net, w->samples, w->views),
                         .run = run,
+                        .outputs = net_outputs,
                         .close = close_net};
     return &w->work;
 }

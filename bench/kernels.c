@@ -16,18 +16,16 @@ static lf_real *numbers(long n, uint64_t item)
     LF_REQUIRE(x, "no memory for %ld numbers", n);
     lf_stream s = lf_stream_at(1, LF_RANDOM_TEST, 1, item);
     for (long i = 0; i < n; i++)
-        x[i] = (lf_real)(2 * lf_uniform(&s) - 1);
+        x[i] = lf_reference_input(2 * lf_uniform(&s) - 1);
     return x;
 }
 
-static double worst(const lf_real *a, const lf_real *b, long n)
+/* Room for results that runs add to. */
+static lf_real *zeros(long n)
 {
-    double difference = 0, size = 1e-300;
-    for (long i = 0; i < n; i++) {
-        difference = fmax(difference, fabs((double)a[i] - (double)b[i]));
-        size = fmax(size, fabs((double)b[i]));
-    }
-    return difference / size;
+    lf_real *x = numbers(n, 0);
+    memset(x, 0, (size_t)n * sizeof *x);
+    return x;
 }
 
 /* ---- matrix product -------------------------------------------------------------------------- */
@@ -44,16 +42,11 @@ static void run_matmul(lf_bench_work *work)
     lf_kernel_matmul(w->m, w->n, w->k, w->a, w->b, w->c, false);
 }
 
-static double error_matmul(lf_bench_work *work)
+static void matmul_outputs(lf_bench_work *work, lf_outputs *to)
 {
     const matmul_work *w = (matmul_work *)work;
-    const long rows = w->m < 64 ? w->m : 64;
-    lf_real *r = numbers(rows * w->n, 9);
     run_matmul(work);
-    lf_ref_matmul(rows, w->n, w->k, w->a, w->b, r, false);
-    const double error = worst(w->c, r, rows * w->n);
-    free(r);
-    return error;
+    lf_outputs_add(to, "product", w->m * w->n, w->c);
 }
 
 static void close_matmul(lf_bench_work *work)
@@ -69,7 +62,7 @@ static lf_bench_work *open_matmul(const lf_bench_case *c)
 {
     matmul_work *w = calloc(1, sizeof *w);
     LF_REQUIRE(w, "no memory");
-    w->base = (lf_bench_work){.run = run_matmul, .error = error_matmul, .close = close_matmul};
+    w->base = (lf_bench_work){.run = run_matmul, .close = close_matmul, .outputs = matmul_outputs};
     w->m = c->size[0];
     w->n = c->size[1];
     w->k = c->size[2];
@@ -117,26 +110,19 @@ static void run_linear(lf_bench_work *work)
             run_tile(w, &w->tile[t]);
 }
 
-static double error_linear(lf_bench_work *work)
+static void linear_outputs(lf_bench_work *work, lf_outputs *to)
 {
     const linear_work *w = (linear_work *)work;
     const tile *t = &w->tile[0];
-    const long rows = w->rows, in = w->in, out = w->out;
-    const long size = w->variant == FORWARD ? rows * out : w->variant == DX ? rows * in : in * out;
-    lf_real *fast = w->variant == FORWARD ? t->y : w->variant == DX ? t->dx : t->dw;
-    lf_real *r = numbers(size, 9);
-    memset(fast, 0, (size_t)size * sizeof *r); /* many runs have added to it */
-    memset(r, 0, (size_t)size * sizeof *r);
     run_tile(w, t);
     if (w->variant == FORWARD)
-        lf_ref_linear(rows, in, out, t->x, t->w, t->b, LF_RELU, r);
+        lf_outputs_add(to, "y", w->rows * w->out, t->y);
     else if (w->variant == DX)
-        lf_ref_linear_dx(rows, in, out, t->y, t->w, r);
-    else
-        lf_ref_linear_dw(rows, in, out, t->x, t->y, r, NULL);
-    const double error = worst(fast, r, size);
-    free(r);
-    return error;
+        lf_outputs_add(to, "dx", w->rows * w->in, t->dx);
+    else {
+        lf_outputs_add(to, "dw", w->in * w->out, t->dw);
+        lf_outputs_add(to, "db", w->out, t->db);
+    }
 }
 
 static void close_linear(lf_bench_work *work)
@@ -156,7 +142,7 @@ static lf_bench_work *open_linear(const lf_bench_case *c)
 {
     linear_work *w = calloc(1, sizeof *w);
     LF_REQUIRE(w, "no memory");
-    w->base = (lf_bench_work){.run = run_linear, .error = error_linear, .close = close_linear};
+    w->base = (lf_bench_work){.run = run_linear, .close = close_linear, .outputs = linear_outputs};
     w->rows = c->size[0];
     w->in = c->size[1];
     w->out = c->size[2];
@@ -166,10 +152,13 @@ static lf_bench_work *open_linear(const lf_bench_case *c)
     w->tile = calloc((size_t)w->tiles, sizeof *w->tile);
     LF_REQUIRE(w->tile, "no memory");
     for (int k = 0; k < w->tiles; k++)
-        w->tile[k] = (tile){numbers(w->rows * w->in, 1), numbers(w->in * w->out, 2),
-                            numbers(w->out, 3),          numbers(w->rows * w->out, 4),
-                            numbers(w->rows * w->in, 5), numbers(w->in * w->out, 6),
-                            numbers(w->out, 7)};
+        w->tile[k] = (tile){numbers(w->rows * w->in, 1),
+                            numbers(w->in * w->out, 2),
+                            numbers(w->out, 3),
+                            numbers(w->rows * w->out, 4),
+                            zeros(w->rows * w->in),
+                            zeros(w->in * w->out),
+                            zeros(w->out)};
     return &w->base;
 }
 
@@ -182,45 +171,30 @@ typedef struct conv_work {
     lf_real *x, *w, *b, *y, *dx, *dw, *db, *scratch;
 } conv_work;
 
-static void run_conv_shape(const conv_work *w, const lf_conv *s)
-{
-    if (w->variant == FORWARD)
-        lf_kernel_conv(s, w->x, w->w, w->b, LF_RELU, w->y, w->scratch);
-    else if (w->variant == DX)
-        lf_kernel_conv_dx(s, w->y, w->w, w->dx, w->scratch);
-    else
-        lf_kernel_conv_dw(s, w->x, w->y, w->dw, w->db, w->scratch);
-}
-
 static void run_conv(lf_bench_work *work)
 {
     const conv_work *w = (conv_work *)work;
-    run_conv_shape(w, &w->s);
+    if (w->variant == FORWARD)
+        lf_kernel_conv(&w->s, w->x, w->w, w->b, LF_RELU, w->y, w->scratch);
+    else if (w->variant == DX)
+        lf_kernel_conv_dx(&w->s, w->y, w->w, w->dx, w->scratch);
+    else
+        lf_kernel_conv_dw(&w->s, w->x, w->y, w->dw, w->db, w->scratch);
 }
 
-/* Of the first image alone: the reference is slow. */
-static double error_conv(lf_bench_work *work)
+static void conv_outputs(lf_bench_work *work, lf_outputs *to)
 {
     const conv_work *w = (conv_work *)work;
-    lf_conv s = w->s;
-    s.images = 1;
-    const long sizes[] = {s.out_height * s.out_width * s.out, s.height * s.width * s.in,
-                          s.size * s.size * s.in * s.out};
-    const long size = sizes[w->variant];
-    lf_real *results[] = {w->y, w->dx, w->dw}, *fast = results[w->variant];
-    lf_real *r = numbers(size, 9);
-    memset(fast, 0, (size_t)size * sizeof *r);
-    memset(r, 0, (size_t)size * sizeof *r);
-    run_conv_shape(w, &s);
+    const lf_conv *s = &w->s;
+    run_conv(work);
     if (w->variant == FORWARD)
-        lf_ref_conv(&s, w->x, w->w, w->b, LF_RELU, r, NULL);
+        lf_outputs_add(to, "y", s->images * s->out_height * s->out_width * s->out, w->y);
     else if (w->variant == DX)
-        lf_ref_conv_dx(&s, w->y, w->w, r, NULL);
-    else
-        lf_ref_conv_dw(&s, w->x, w->y, r, NULL, NULL);
-    const double error = worst(fast, r, size);
-    free(r);
-    return error;
+        lf_outputs_add(to, "dx", s->images * s->height * s->width * s->in, w->dx);
+    else {
+        lf_outputs_add(to, "dw", s->size * s->size * s->in * s->out, w->dw);
+        lf_outputs_add(to, "db", s->out, w->db);
+    }
 }
 
 static void close_conv(lf_bench_work *work)
@@ -236,7 +210,7 @@ static lf_bench_work *open_conv(const lf_bench_case *c)
 {
     conv_work *w = calloc(1, sizeof *w);
     LF_REQUIRE(w, "no memory");
-    w->base = (lf_bench_work){.run = run_conv, .error = error_conv, .close = close_conv};
+    w->base = (lf_bench_work){.run = run_conv, .close = close_conv, .outputs = conv_outputs};
     w->s = lf_conv_shape(c->size[0], c->size[1], c->size[1], c->size[2], c->size[3], c->size[4],
                          c->size[5], c->size[6]);
     w->variant = c->variant;
@@ -249,9 +223,9 @@ static lf_bench_work *open_conv(const lf_bench_case *c)
     w->w = numbers(ws, 2);
     w->b = numbers(s->out, 3);
     w->y = numbers(ys, 4);
-    w->dx = numbers(xs, 5);
-    w->dw = numbers(ws, 6);
-    w->db = numbers(s->out, 7);
+    w->dx = zeros(xs);
+    w->dw = zeros(ws);
+    w->db = zeros(s->out);
     w->scratch = numbers(lf_conv_scratch(s), 8);
     return &w->base;
 }

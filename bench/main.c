@@ -1,17 +1,17 @@
-/* main.c: elf-bench [CASE...] [--list] [--json FILE] [--threads N] [--repeats N]
+/* main.c: elf-bench [CASE...] [--list] [--json FILE] [--threads N] [--repeats N] [--no-errors]
+ *         elf-bench --reference CASE: what the case computes, to the program in another precision
  *
  * Times each case alternately with the machine's multiply-add limit and reports the best of both:
  * what a machine shared with others can still show. Names pick cases by their beginning.
  */
 #include <getopt.h>
 #include <jansson.h>
-#include <math.h>
 #include <omp.h>
 #include <stdbool.h>
+#include <unistd.h>
 
 #include "autograd/kernels/vector.h"
-#include "autograd/status.h"
-#include "bench/bench.h"
+#include "bench/measure.h"
 
 static const lf_bench_table *const tables[] = {
     &lf_bench_limits,          &lf_bench_kernels, &lf_bench_steps,
@@ -23,97 +23,62 @@ static const lf_bench_table *const tables[] = {
 enum { TABLES = sizeof tables / sizeof *tables };
 
 typedef struct options {
-    bool list;
-    const char *json;
-    int repeats;
+    bool list, no_errors;
+    const char *json, *reference;
+    int threads, repeats;
     char **names;
     int count;
 } options;
 
-typedef struct result {
-    double seconds; /* of one run, the best */
-    double limit;   /* flops a second, the best so far in this run of the program */
-    double flop, bytes, memory, error;
-} result;
-
-/* ---- measuring ------------------------------------------------------------------------------- */
-
-static double seconds_of(lf_bench_work *work, long runs)
-{
-    const double start = lf_bench_now();
-    for (long i = 0; i < runs; i++)
-        work->run(work);
-    return lf_bench_now() - start;
-}
-
-/* Runs that take about a millisecond together, after a first one that warms up: short enough that
- * some samples are undisturbed on a machine that others use too. */
-static long choose_runs(lf_bench_work *work)
-{
-    const double wanted = 0.7e-3;
-    long runs = 1;
-    seconds_of(work, 1);
-    for (double t = seconds_of(work, runs); t < wanted; t = seconds_of(work, runs))
-        runs *= t < wanted / 10 ? 8 : 2;
-    return runs;
-}
-
-static double limit_now(void)
-{
-    const double start = lf_bench_now();
-    const double flop = lf_bench_fma(1 << 17, omp_get_max_threads());
-    return flop / (lf_bench_now() - start);
-}
-
-/* *limit is the best seen since the program's start: one case may have been disturbed throughout.
- */
-static result measure(lf_bench_work *work, int repeats, double *limit)
-{
-    result r = {.seconds = INFINITY, .flop = work->flop, .bytes = work->bytes, .error = NAN};
-    const long runs = choose_runs(work);
-    for (int i = 0; i < repeats; i++) {
-        *limit = fmax(*limit, limit_now());
-        r.seconds = fmin(r.seconds, seconds_of(work, runs) / (double)runs);
-    }
-    r.limit = *limit;
-    r.memory = work->memory;
-    if (work->error)
-        r.error = work->error(work);
-    return r;
-}
-
 /* ---- reporting ------------------------------------------------------------------------------- */
 
-static void print_result(const char *name, const result *r)
+static void print_result(const lf_bench_result *r)
 {
-    printf("%-18s %10.4f ms", name, 1e3 * r->seconds);
+    const lf_output_error *worst = lf_bench_worst(r);
+    printf("%-18s %10.4f ms", r->name, 1e3 * r->seconds);
     if (r->flop > 0)
         printf(" %8.1f GF/s %5.1f %%", 1e-9 * r->flop / r->seconds,
-               100 * r->flop / r->seconds / r->limit);
+               100 * r->flop / r->seconds / r->fma);
     if (r->bytes > 0)
         printf(" %8.1f GB/s", 1e-9 * r->bytes / r->seconds);
     if (r->memory > 0)
         printf(" %8.1f MB", 1e-6 * r->memory);
-    if (!isnan(r->error))
-        printf("  err %.0e", r->error);
+    if (worst)
+        printf("  err %.1e (%s), l2 %.1e", worst->largest, worst->name, worst->l2);
+    else if (r->problem[0])
+        printf("  err not measured: %s", r->problem);
     printf("\n");
     fflush(stdout);
 }
 
-static json_t *result_json(const char *name, const result *r)
+static json_t *errors_json(const lf_bench_result *r)
 {
-    json_t *o = json_pack("{s:s, s:f}", "case", name, "ms", 1e3 * r->seconds);
+    json_t *all = json_object();
+    for (int i = 0; i < r->outputs; i++)
+        json_object_set_new(
+            all, r->error[i].name,
+            json_pack("{s:f, s:f}", "largest", r->error[i].largest, "l2", r->error[i].l2));
+    return all;
+}
+
+static json_t *result_json(const lf_bench_result *r)
+{
+    json_t *o = json_pack("{s:s, s:f}", "case", r->name, "ms", 1e3 * r->seconds);
+    const lf_output_error *worst = lf_bench_worst(r);
     if (r->flop > 0) {
         json_object_set_new(o, "gflops", json_real(1e-9 * r->flop / r->seconds));
-        json_object_set_new(o, "limit_gflops", json_real(1e-9 * r->limit));
-        json_object_set_new(o, "share", json_real(r->flop / r->seconds / r->limit));
+        json_object_set_new(o, "limit_gflops", json_real(1e-9 * r->fma));
+        json_object_set_new(o, "share", json_real(r->flop / r->seconds / r->fma));
     }
     if (r->bytes > 0)
         json_object_set_new(o, "gbytes_per_s", json_real(1e-9 * r->bytes / r->seconds));
     if (r->memory > 0)
         json_object_set_new(o, "mb", json_real(1e-6 * r->memory));
-    if (!isnan(r->error))
-        json_object_set_new(o, "error", json_real(r->error));
+    json_object_set_new(o, "error", worst ? json_real(worst->largest) : json_null());
+    if (worst)
+        json_object_set_new(o, "errors", errors_json(r));
+    else if (r->problem[0])
+        json_object_set_new(o, "error_missing", json_string(r->problem));
     return o;
 }
 
@@ -127,22 +92,26 @@ static bool chosen(const options *o, const char *name)
     return o->count == 0;
 }
 
-static void run_case(const lf_bench_case *c, const options *o, double *limit, json_t *results)
+static void run_case(const lf_bench_case *c, const options *o, lf_bench_limits_seen *seen,
+                     json_t *results)
 {
+    lf_bench_result r = {.name = c->name};
     lf_bench_work *work = c->open(c);
-    const result r = measure(work, o->repeats, limit);
+    lf_bench_time(work, o->repeats, seen, &r);
     work->close(work);
-    print_result(c->name, &r);
-    json_array_append_new(results, result_json(c->name, &r));
+    if (!o->no_errors)
+        lf_bench_errors(c, o->threads, &r);
+    print_result(&r);
+    json_array_append_new(results, result_json(&r));
 }
 
 /* Every chosen case; returns how many there were. */
 static int for_cases(const options *o, json_t *results)
 {
     int count = 0;
-    double limit = 0;
-    for (int i = 0; !o->list && i < o->repeats; i++)
-        limit = fmax(limit, limit_now());
+    lf_bench_limits_seen seen = {0};
+    if (!o->list)
+        lf_bench_see_limits(&seen, o->repeats);
     for (int t = 0; t < TABLES; t++)
         for (int i = 0; i < tables[t]->count; i++) {
             const lf_bench_case *c = &tables[t]->cases[i];
@@ -152,27 +121,55 @@ static int for_cases(const options *o, json_t *results)
             if (o->list)
                 printf("%-18s %s\n", c->name, c->what);
             else
-                run_case(c, o, &limit, results);
+                run_case(c, o, &seen, results);
         }
     return count;
 }
 
 static lf_status write_json(const options *o, json_t *results, lf_error *err)
 {
-    json_t *all = json_pack("{s:s, s:i, s:i, s:s, s:O}", "precision", LF_REAL_NAME, "threads",
-                            omp_get_max_threads(), "vector_bytes", LF_VEC_BYTES, "compiler",
-                            __VERSION__, "results", results);
+    json_t *all =
+        json_pack("{s:s, s:i, s:i, s:s, s:O}", "precision", LF_REAL_NAME, "threads", o->threads,
+                  "vector_bytes", LF_VEC_BYTES, "compiler", __VERSION__, "results", results);
     const int failed = json_dump_file(all, o->json, JSON_INDENT(1) | JSON_REAL_PRECISION(6));
     json_decref(all);
     return failed ? lf_fail(err, LF_FAILED, "%s: cannot be written", o->json) : LF_OK;
 }
 
+/* Give what the case of exactly that name computes to standard output. */
+static lf_status give_reference(const char *name, lf_error *err)
+{
+    const lf_bench_case *c = NULL;
+    for (int t = 0; t < TABLES; t++)
+        for (int i = 0; i < tables[t]->count; i++)
+            if (strcmp(tables[t]->cases[i].name, name) == 0)
+                c = &tables[t]->cases[i];
+    if (!c)
+        return lf_fail(err, LF_BAD_INPUT, "--reference %s: no such case; --list names them", name);
+    if (isatty(STDOUT_FILENO))
+        return lf_fail(err, LF_BAD_INPUT, "--reference writes binary numbers: give it a pipe");
+    lf_bench_work *work = c->open(c);
+    lf_outputs *outputs = lf_outputs_create();
+    if (work->outputs)
+        work->outputs(work, outputs);
+    work->close(work);
+    const lf_status status = lf_outputs_write(outputs, stdout, "standard output", err);
+    lf_outputs_free(outputs);
+    return status;
+}
+
 static void usage(FILE *to)
 {
-    fprintf(to, "usage: elf-bench [CASE...] [--list] [--json FILE] [--threads N] [--repeats N]\n"
-                "Times kernels against the machine's multiply-add limit. CASE: the beginning of a\n"
-                "case's name; none: all. Columns: best time of one run, rate, share of the limit\n"
-                "measured in turn with it, largest error against sums in double.\n");
+    fprintf(to,
+            "usage: elf-bench [CASE...] [--list] [--json FILE] [--threads N] [--repeats N]\n"
+            "                 [--no-errors]\n"
+            "       elf-bench --reference CASE\n"
+            "Times kernels against the machine's multiply-add limit. CASE: the beginning of a\n"
+            "case's name; none: all. Columns: best time of one run, rate, share of the limit\n"
+            "measured in turn with it, error of what it computes against elf-bench-f64, which\n"
+            "stands beside this program: the largest difference over the largest value, of the\n"
+            "array where that is largest, and the same of the root mean squares.\n"
+            "--reference writes what a case computes to a pipe.\n");
 }
 
 static lf_status positive(const char *option, const char *text, int *value, lf_error *err)
@@ -187,18 +184,25 @@ static lf_status positive(const char *option, const char *text, int *value, lf_e
 
 static lf_status parse(int argc, char **argv, options *o, lf_error *err)
 {
-    static const struct option known[] = {
-        {"list", no_argument, NULL, 'l'},          {"json", required_argument, NULL, 'j'},
-        {"threads", required_argument, NULL, 't'}, {"repeats", required_argument, NULL, 'r'},
-        {"help", no_argument, NULL, 'h'},          {0}};
-    int threads = omp_get_max_threads();
+    static const struct option known[] = {{"list", no_argument, NULL, 'l'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {"threads", required_argument, NULL, 't'},
+                                          {"repeats", required_argument, NULL, 'r'},
+                                          {"reference", required_argument, NULL, 'f'},
+                                          {"no-errors", no_argument, NULL, 'n'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {0}};
     for (int c; (c = getopt_long(argc, argv, "", known, NULL)) != -1;) {
         if (c == 'l')
             o->list = true;
+        else if (c == 'n')
+            o->no_errors = true;
         else if (c == 'j')
             o->json = optarg;
+        else if (c == 'f')
+            o->reference = optarg;
         else if (c == 't')
-            LF_TRY(positive("--threads", optarg, &threads, err));
+            LF_TRY(positive("--threads", optarg, &o->threads, err));
         else if (c == 'r')
             LF_TRY(positive("--repeats", optarg, &o->repeats, err));
         else if (c == 'h') {
@@ -207,7 +211,6 @@ static lf_status parse(int argc, char **argv, options *o, lf_error *err)
         } else
             return lf_fail(err, LF_BAD_INPUT, "elf-bench --help shows what is allowed");
     }
-    omp_set_num_threads(threads);
     o->names = argv + optind;
     o->count = argc - optind;
     return LF_OK;
@@ -215,10 +218,14 @@ static lf_status parse(int argc, char **argv, options *o, lf_error *err)
 
 static lf_status run(int argc, char **argv, lf_error *err)
 {
-    options o = {.repeats = 100};
+    options o = {.repeats = 100, .threads = omp_get_max_threads()};
     LF_TRY(parse(argc, argv, &o, err));
+    omp_set_num_threads(o.threads);
+    if (o.reference)
+        return give_reference(o.reference, err);
+    o.no_errors |= sizeof(lf_real) == sizeof(double); /* it is what errors are measured against */
     if (!o.list)
-        printf("%d threads, vectors of %d bytes, %s, GCC %s\n", omp_get_max_threads(), LF_VEC_BYTES,
+        printf("%d threads, vectors of %d bytes, %s, GCC %s\n", o.threads, LF_VEC_BYTES,
                LF_REAL_NAME, __VERSION__);
     json_t *results = json_array();
     const int count = for_cases(&o, results);

@@ -19,6 +19,7 @@ typedef struct step_work {
     lf_recon_work *run;
     lf_adam adam;
     long images, points;
+    double loss;
     lf_real *image;
     float *sdf;
     double *uv, *direction, *distance;
@@ -33,16 +34,59 @@ static void *room(long count, size_t size)
     return p;
 }
 
+static lf_recon_points points_of(const step_work *s)
+{
+    return (lf_recon_points){s->points, VIEWS, s->uv, s->direction, s->distance, s->mask, s->first};
+}
+
+static void run_gradient(step_work *s)
+{
+    const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
+    const lf_recon_points points = points_of(s);
+    s->loss = lf_recon_step(s->run, s->images, s->image, &points, s->sdf, &loss);
+}
+
 static void run_step(lf_bench_work *work)
 {
     step_work *s = (step_work *)work;
-    const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
-    const lf_recon_points points = {s->points,   VIEWS,   s->uv,   s->direction,
-                                    s->distance, s->mask, s->first};
-    lf_recon_step(s->run, s->images, s->image, &points, s->sdf, &loss);
+    run_gradient(s);
     lf_adam_step(&s->adam, s->store, 1e-4);
     work->memory = (double)lf_recon_work_bytes(s->run) +
                    4.0 * sizeof(lf_real) * (double)lf_store_size(s->store);
+}
+
+/* The distances that training sees, of all points on one tape. */
+static void add_distances(const step_work *s, lf_outputs *to)
+{
+    const long size = s->model.config.image_size, rays = s->points * VIEWS;
+    lf_tape *tape = lf_tape_create();
+    lf_tape_set_grad(tape, false);
+    lf_tensor *maps[LF_BACKBONE_MAPS + 1];
+    lf_tensor *images =
+        lf_leaf(tape, 4, LF_DIMS(s->images, size, size, s->model.config.backbone.in_channels),
+                s->image, NULL);
+    const int count = lf_recon_maps(tape, &s->model, images, true, maps);
+    lf_tensor *direction = lf_tensor_new(tape, 3, LF_DIMS(s->points, VIEWS, 3));
+    lf_tensor *mask = lf_tensor_new(tape, 2, LF_DIMS(s->points, VIEWS));
+    for (long i = 0; i < 3 * rays; i++)
+        direction->value[i] = (lf_real)s->direction[i];
+    for (long i = 0; i < rays; i++)
+        mask->value[i] = s->mask[i];
+    lf_tensor *seen = lf_sample_maps(tape, count, maps, size, size, s->points, VIEWS, s->uv,
+                                     mask->value, s->first);
+    const lf_ray_geometry geometry = {s->points, VIEWS, direction, mask};
+    const lf_tensor *x = lf_recon_sdf(tape, &s->model, seen, &geometry, s->distance, NULL);
+    lf_outputs_add(to, "distances", x->size, x->value);
+    lf_tape_free(tape);
+}
+
+static void step_outputs(lf_bench_work *work, lf_outputs *to)
+{
+    step_work *s = (step_work *)work;
+    run_gradient(s);
+    lf_outputs_add_doubles(to, "loss", 1, &s->loss);
+    lf_outputs_add(to, "gradient", lf_store_size(s->store), lf_store_grads(s->store));
+    add_distances(s, to);
 }
 
 static void close_step(lf_bench_work *work)
@@ -78,6 +122,8 @@ static void fill_points(step_work *s, double size)
         s->distance[i] = 2.5;
         s->mask[i] = 1;
     }
+    lf_reference_round_doubles(2 * s->points * VIEWS, s->uv);
+    lf_reference_round_doubles(3 * s->points * VIEWS, s->direction);
     for (long q = 0; q < s->points; q++) {
         s->sdf[q] = (float)(0.2 * (lf_uniform(&r) - 0.5));
         s->first[q] = q * s->images / VIEWS / s->points * VIEWS;
@@ -103,6 +149,7 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
     s->points = c->size[1];
     s->store = lf_store_create(1);
     lf_recon_init(&s->model, s->store, &config);
+    lf_reference_round(lf_store_size(s->store), lf_store_values(s->store));
     s->run = lf_recon_work_create(&s->model, c->size[2]);
     const lf_adam_config adam = {.beta1 = 0.9, .beta2 = 0.999, .eps = 1e-8};
     lf_adam_init(&s->adam, &adam, s->store);
@@ -110,7 +157,7 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
     s->image = room(pixels, sizeof *s->image);
     lf_stream r = lf_stream_at(2, LF_RANDOM_TEST, 0, 0);
     for (long i = 0; i < pixels; i++)
-        s->image[i] = (lf_real)lf_uniform(&r);
+        s->image[i] = lf_reference_input(lf_uniform(&r));
     s->sdf = room(s->points, sizeof *s->sdf);
     s->uv = room(2 * s->points * VIEWS, sizeof *s->uv);
     s->direction = room(3 * s->points * VIEWS, sizeof *s->direction);
@@ -120,6 +167,7 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
     fill_points(s, (double)config.image_size);
     s->work = (lf_bench_work){.flop = 6 * lf_recon_macs(&s->model, s->images, s->points, VIEWS),
                               .run = run_step,
+                              .outputs = step_outputs,
                               .close = close_step};
     return &s->work;
 }
