@@ -25,13 +25,6 @@ typedef struct net_work {
     lf_real *lane[LANES]; /* gradients of the parameters */
 } net_work;
 
-static lf_real *numbers(long n)
-{
-    lf_real *x = calloc((size_t)n, sizeof *x);
-    LF_REQUIRE(x, "out of memory for %ld numbers", n);
-    return x;
-}
-
 static void run_tile(const net_work *w, lf_tape *tape, lf_real *lane, long ray)
 {
     const long n = w->tile, s = w->samples, v = w->views, first = ray * s * v;
@@ -126,8 +119,7 @@ static void fill(net_work *w)
 /* size: rays, samples, views, rays of a tile */
 static lf_bench_work *open_net(const lf_bench_case *c)
 {
-    net_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
+    net_work *w = lf_bench_room(1, sizeof *w);
     w->rays = c->size[0];
     w->samples = c->size[1];
     w->views = c->size[2];
@@ -136,20 +128,23 @@ static lf_bench_work *open_net(const lf_bench_case *c)
     lf_ibrnet_init(w->store, &w->net, "ibrnet", &(lf_ibrnet_config){INPUTS, 16, true});
     lf_reference_round(lf_store_size(w->store), lf_store_values(w->store));
     const long points = w->rays * w->samples, rows = points * w->views;
-    w->colour = numbers(points * LF_RGB);
-    w->sigma = numbers(points);
-    w->seen = numbers(rows * INPUTS);
-    w->gradient = numbers(rows * INPUTS);
-    w->difference = numbers(rows * 4);
-    w->mask = numbers(rows);
-    w->count = numbers(points);
+    w->colour = lf_bench_room(points * LF_RGB, sizeof(lf_real));
+    w->sigma = lf_bench_room(points, sizeof(lf_real));
+    w->seen = lf_bench_room(rows * INPUTS, sizeof(lf_real));
+    w->gradient = lf_bench_room(rows * INPUTS, sizeof(lf_real));
+    w->difference = lf_bench_room(rows * 4, sizeof(lf_real));
+    w->mask = lf_bench_room(rows, sizeof(lf_real));
+    w->count = lf_bench_room(points, sizeof(lf_real));
     fill(w);
     for (int l = 0; l < LANES; l++) {
         w->tape[l] = lf_tape_create();
-        w->lane[l] = numbers(lf_store_size(w->store));
+        w->lane[l] = lf_bench_room(lf_store_size(w->store), sizeof(lf_real));
     }
+    /* what is seen is read, its gradient read and written; between lies a tile, in the caches */
+    const double numbers = (double)rows * (3 * INPUTS + 4 + 1) + (double)points * (1 + LF_RGB + 1);
     w->work =
-        (lf_bench_work){.flop = 6 * (double)points * lf_ibrnet_macs(&w->net, w->samples, w->views),
+        (lf_bench_work){.bytes = numbers * sizeof(lf_real),
+                        .flop = 6 * (double)points * lf_ibrnet_macs(&w->net, w->samples, w->views),
                         .run = run,
                         .outputs = net_outputs,
                         .close = close_net};
@@ -166,4 +161,4 @@ static const lf_bench_case cases[] = {
     {"ibrnet-4", "the same in tiles of four rays", open_net, {512, 32, 8, 4}, 0},
 };
 
-const lf_bench_table lf_bench_ibrnet = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_ibrnet = {"networks", cases, sizeof cases / sizeof *cases, false};

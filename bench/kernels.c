@@ -28,6 +28,11 @@ static lf_real *zeros(long n)
     return x;
 }
 
+static double bytes_of(long numbers)
+{
+    return (double)numbers * sizeof(lf_real);
+}
+
 /* ---- matrix product -------------------------------------------------------------------------- */
 
 typedef struct matmul_work {
@@ -60,13 +65,13 @@ static void close_matmul(lf_bench_work *work)
 
 static lf_bench_work *open_matmul(const lf_bench_case *c)
 {
-    matmul_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
+    matmul_work *w = lf_bench_room(1, sizeof *w);
     w->base = (lf_bench_work){.run = run_matmul, .close = close_matmul, .outputs = matmul_outputs};
     w->m = c->size[0];
     w->n = c->size[1];
     w->k = c->size[2];
     w->base.flop = 2.0 * (double)w->m * (double)w->n * (double)w->k;
+    w->base.bytes = bytes_of(w->m * w->k + w->k * w->n + w->m * w->n);
     w->a = numbers(w->m * w->k, 1);
     w->b = numbers(w->k * w->n, 2);
     w->c = numbers(w->m * w->n, 3);
@@ -75,11 +80,11 @@ static lf_bench_work *open_matmul(const lf_bench_case *c)
 
 /* ---- linear maps ----------------------------------------------------------------------------- */
 
-enum { FORWARD, DX, DW };
+enum { FORWARD, DX, DW, TRAIN /* all three */ };
 
 /* One thread's tile. */
 typedef struct tile {
-    lf_real *x, *w, *b, *y, *dx, *dw, *db;
+    lf_real *x, *w, *b, *y, *dy, *dx, *dw, *db;
 } tile;
 
 typedef struct linear_work {
@@ -93,12 +98,13 @@ enum { TURNS = 64 }; /* products of a run, so that starting the threads does not
 
 static void run_tile(const linear_work *w, const tile *t)
 {
-    if (w->variant == FORWARD)
+    const int v = w->variant;
+    if (v == FORWARD || v == TRAIN)
         lf_kernel_linear(w->rows, w->in, w->out, t->x, t->w, t->b, LF_RELU, t->y);
-    else if (w->variant == DX)
-        lf_kernel_linear_dx(w->rows, w->in, w->out, t->y, t->w, t->dx);
-    else
-        lf_kernel_linear_dw(w->rows, w->in, w->out, t->x, t->y, t->dw, t->db);
+    if (v == DX || v == TRAIN)
+        lf_kernel_linear_dx(w->rows, w->in, w->out, t->dy, t->w, t->dx);
+    if (v == DW || v == TRAIN)
+        lf_kernel_linear_dw(w->rows, w->in, w->out, t->x, t->dy, t->dw, t->db);
 }
 
 static void run_linear(lf_bench_work *work)
@@ -115,14 +121,25 @@ static void linear_outputs(lf_bench_work *work, lf_outputs *to)
     const linear_work *w = (linear_work *)work;
     const tile *t = &w->tile[0];
     run_tile(w, t);
-    if (w->variant == FORWARD)
+    if (w->variant == FORWARD || w->variant == TRAIN)
         lf_outputs_add(to, "y", w->rows * w->out, t->y);
-    else if (w->variant == DX)
+    if (w->variant == DX || w->variant == TRAIN)
         lf_outputs_add(to, "dx", w->rows * w->in, t->dx);
-    else {
+    if (w->variant == DW || w->variant == TRAIN) {
         lf_outputs_add(to, "dw", w->in * w->out, t->dw);
         lf_outputs_add(to, "db", w->out, t->db);
     }
+}
+
+/* Numbers that one product reads and writes. */
+static long linear_moves(const linear_work *w)
+{
+    const long x = w->rows * w->in, y = w->rows * w->out, m = w->in * w->out;
+    const long forward = x + m + w->out + y, dx = y + m + 2 * x, dw = x + y + 2 * (m + w->out);
+    return w->variant == FORWARD ? forward
+           : w->variant == DX    ? dx
+           : w->variant == DW    ? dw
+                                 : forward + dx + dw;
 }
 
 static void close_linear(lf_bench_work *work)
@@ -130,8 +147,8 @@ static void close_linear(lf_bench_work *work)
     linear_work *w = (linear_work *)work;
     for (int k = 0; k < w->tiles; k++) {
         tile *t = &w->tile[k];
-        lf_real *arrays[] = {t->x, t->w, t->b, t->y, t->dx, t->dw, t->db};
-        for (int i = 0; i < 7; i++)
+        lf_real *arrays[] = {t->x, t->w, t->b, t->y, t->dy, t->dx, t->dw, t->db};
+        for (int i = 0; i < 8; i++)
             free(arrays[i]);
     }
     free(w->tile);
@@ -140,25 +157,27 @@ static void close_linear(lf_bench_work *work)
 
 static lf_bench_work *open_linear(const lf_bench_case *c)
 {
-    linear_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
+    linear_work *w = lf_bench_room(1, sizeof *w);
     w->base = (lf_bench_work){.run = run_linear, .close = close_linear, .outputs = linear_outputs};
     w->rows = c->size[0];
     w->in = c->size[1];
     w->out = c->size[2];
     w->variant = c->variant;
     w->tiles = omp_get_max_threads();
-    w->base.flop = 2.0 * (double)w->rows * (double)w->in * (double)w->out * TURNS * w->tiles;
-    w->tile = calloc((size_t)w->tiles, sizeof *w->tile);
-    LF_REQUIRE(w->tile, "no memory");
-    for (int k = 0; k < w->tiles; k++)
-        w->tile[k] = (tile){numbers(w->rows * w->in, 1),
-                            numbers(w->in * w->out, 2),
-                            numbers(w->out, 3),
-                            numbers(w->rows * w->out, 4),
-                            zeros(w->rows * w->in),
-                            zeros(w->in * w->out),
-                            zeros(w->out)};
+    const double runs = (double)TURNS * w->tiles;
+    w->base.flop = (w->variant == TRAIN ? 6.0 : 2.0) * (double)(w->rows * w->in * w->out) * runs;
+    w->base.bytes = bytes_of(linear_moves(w)) * runs;
+    w->base.footprint = bytes_of(linear_moves(w)) * w->tiles;
+    w->tile = lf_bench_room(w->tiles, sizeof *w->tile);
+    for (int k = 0; k < w->tiles; k++) /* tiles of all threads are alike */
+        w->tile[k] = (tile){.x = numbers(w->rows * w->in, 1),
+                            .w = numbers(w->in * w->out, 2),
+                            .b = numbers(w->out, 3),
+                            .y = zeros(w->rows * w->out),
+                            .dy = numbers(w->rows * w->out, 4),
+                            .dx = zeros(w->rows * w->in),
+                            .dw = zeros(w->in * w->out),
+                            .db = zeros(w->out)};
     return &w->base;
 }
 
@@ -208,8 +227,7 @@ static void close_conv(lf_bench_work *work)
 
 static lf_bench_work *open_conv(const lf_bench_case *c)
 {
-    conv_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
+    conv_work *w = lf_bench_room(1, sizeof *w);
     w->base = (lf_bench_work){.run = run_conv, .close = close_conv, .outputs = conv_outputs};
     w->s = lf_conv_shape(c->size[0], c->size[1], c->size[1], c->size[2], c->size[3], c->size[4],
                          c->size[5], c->size[6]);
@@ -218,7 +236,9 @@ static lf_bench_work *open_conv(const lf_bench_case *c)
     const long xs = s->images * s->height * s->width * s->in;
     const long ys = s->images * s->out_height * s->out_width * s->out;
     const long ws = s->size * s->size * s->in * s->out;
+    const long moves[] = {xs + ws + s->out + ys, ys + ws + 2 * xs, xs + ys + 2 * (ws + s->out)};
     w->base.flop = 2.0 * (double)ys * (double)(s->size * s->size * s->in);
+    w->base.bytes = bytes_of(moves[w->variant]);
     w->x = numbers(xs, 1);
     w->w = numbers(ws, 2);
     w->b = numbers(s->out, 3);
@@ -261,6 +281,7 @@ static const lf_bench_case cases[] = {
     {"gemm-512", "matrix product 512 x 512 x 512", open_matmul, {512, 512, 512}, 0},
     {"gemm-1024", "matrix product 1024 x 1024 x 1024", open_matmul, {1024, 1024, 1024}, 0},
     LINEAR("32", 480, 32, 32),
+    {"linear-32-train", "32 -> 32, forward and both gradients", open_linear, {480, 32, 32}, TRAIN},
     LINEAR("16", 480, 16, 16),
     LINEAR("34-64", 512, 34, 64),
     LINEAR("66-24", 1024, 66, 24),
@@ -268,6 +289,7 @@ static const lf_bench_case cases[] = {
     LINEAR("256-128", 512, 256, 128),
     LINEAR("64-1", 1024, 64, 1),
     CONV("64", 8, 64, 64, 64, 3, 1, 1),
+    CONV("32", 8, 64, 32, 32, 3, 1, 1),
     CONV("stem", 8, 65, 3, 32, 7, 2, 3),
     CONV("33-32-s2", 8, 33, 32, 32, 3, 2, 1),
     CONV("17-32", 8, 17, 32, 32, 3, 1, 1),
@@ -279,4 +301,4 @@ static const lf_bench_case cases[] = {
     CONV("9-1x1", 8, 9, 64, 16, 1, 1, 0),
 };
 
-const lf_bench_table lf_bench_kernels = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_kernels = {"kernels", cases, sizeof cases / sizeof *cases, false};

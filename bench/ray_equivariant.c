@@ -26,13 +26,6 @@ typedef struct step_work {
     lf_tape *tape[WORKERS];
 } step_work;
 
-static void *room(long count, size_t size)
-{
-    void *p = calloc((size_t)count, size);
-    LF_REQUIRE(p, "out of memory for %ld times %zu bytes", count, size);
-    return p;
-}
-
 static void run_tile(step_work *s, lf_tape *tape, lf_real *lane, long from, long count)
 {
     const long samples = s->samples, row = samples * s->views * s->model.config.inputs;
@@ -155,7 +148,7 @@ static void fill_scene(step_work *s)
 /* sizes: rays, samples, views, rays of a tile */
 static lf_bench_work *open_step(const lf_bench_case *c)
 {
-    step_work *s = room(1, sizeof *s);
+    step_work *s = lf_bench_room(1, sizeof *s);
     const lf_ray_equivariant_config config = {
         {8, {0, 2, 4, 8, 16, 32, 64, 128}}, 35, 4, 16, 4, true, true};
     s->rays = c->size[0];
@@ -166,19 +159,22 @@ static lf_bench_work *open_step(const lf_bench_case *c)
     lf_ray_equivariant_init(s->store, &s->model, "net", &config);
     lf_reference_round(lf_store_size(s->store), lf_store_values(s->store));
     const long seen = s->rays * s->samples * s->views;
-    s->origin = room(3 * s->rays, sizeof *s->origin);
-    s->direction = room(3 * s->rays, sizeof *s->direction);
-    s->depth = room(s->rays * s->samples, sizeof *s->depth);
-    s->centre = room(3 * s->views, sizeof *s->centre);
-    s->seen = room(seen, 1);
-    s->feature = room(seen * config.inputs, sizeof *s->feature);
-    s->feature_grad = room(seen * config.inputs, sizeof *s->feature);
-    s->colour = room(s->rays * LF_RGB, sizeof *s->colour);
-    s->lane = room(LANES * lf_store_size(s->store), sizeof *s->lane);
+    s->origin = lf_bench_room(3 * s->rays, sizeof *s->origin);
+    s->direction = lf_bench_room(3 * s->rays, sizeof *s->direction);
+    s->depth = lf_bench_room(s->rays * s->samples, sizeof *s->depth);
+    s->centre = lf_bench_room(3 * s->views, sizeof *s->centre);
+    s->seen = lf_bench_room(seen, 1);
+    s->feature = lf_bench_room(seen * config.inputs, sizeof *s->feature);
+    s->feature_grad = lf_bench_room(seen * config.inputs, sizeof *s->feature);
+    s->colour = lf_bench_room(s->rays * LF_RGB, sizeof *s->colour);
+    s->lane = lf_bench_room(LANES * lf_store_size(s->store), sizeof *s->lane);
     for (int w = 0; w < WORKERS && w < omp_get_max_threads(); w++)
         s->tape[w] = lf_tape_create();
     fill_scene(s);
-    s->work = (lf_bench_work){.flop = 6 * (double)(s->rays * s->samples) *
+    /* features are read, their gradient set to zero, read and written; between lies a tile, in the
+     * caches */
+    s->work = (lf_bench_work){.bytes = 4.0 * (double)(seen * config.inputs) * sizeof(lf_real),
+                              .flop = 6 * (double)(s->rays * s->samples) *
                                       lf_ray_equivariant_macs(&s->model, s->samples, s->views),
                               .run = run_step,
                               .outputs = step_outputs,
@@ -199,4 +195,5 @@ static const lf_bench_case cases[] = {
      0},
 };
 
-const lf_bench_table lf_bench_ray_equivariant = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_ray_equivariant = {"networks", cases, sizeof cases / sizeof *cases,
+                                                 false};

@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <limits.h>
 #include <math.h>
+#include <signal.h>
 #include <spawn.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -233,8 +234,11 @@ lf_status lf_reference_run(const char *const *argv, lf_outputs **out, lf_error *
         fclose(from); /* a child that still writes ends */
     while (waitpid(child, &code, 0) < 0 && errno == EINTR)
         ;
-    if (status == LF_OK && code != 0)
-        status = lf_fail(err, LF_FAILED, "%s: ended with status %d", argv[0], code);
+    if (WIFSIGNALED(code) && WTERMSIG(code) != SIGPIPE)
+        status = lf_fail(err, LF_FAILED, "%s: ended by a signal: %s", argv[0],
+                         strsignal(WTERMSIG(code)));
+    else if (status == LF_OK && code != 0)
+        status = lf_fail(err, LF_FAILED, "%s: ended with code %d", argv[0], WEXITSTATUS(code));
     if (status != LF_OK)
         lf_outputs_free(outputs);
     else

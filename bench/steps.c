@@ -27,13 +27,6 @@ typedef struct step_work {
     long *first;
 } step_work;
 
-static void *room(long count, size_t size)
-{
-    void *p = calloc((size_t)count, size);
-    LF_REQUIRE(p, "out of memory for %ld times %zu bytes", count, size);
-    return p;
-}
-
 static lf_recon_points points_of(const step_work *s)
 {
     return (lf_recon_points){s->points, VIEWS, s->uv, s->direction, s->distance, s->mask, s->first};
@@ -53,6 +46,7 @@ static void run_step(lf_bench_work *work)
     lf_adam_step(&s->adam, s->store, 1e-4);
     work->memory = (double)lf_recon_work_bytes(s->run) +
                    4.0 * sizeof(lf_real) * (double)lf_store_size(s->store);
+    work->bytes = 2 * work->memory;
 }
 
 /* The distances that training sees, of all points on one tape. */
@@ -135,7 +129,7 @@ static void fill_points(step_work *s, double size)
 static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets, int count,
                                 int channels)
 {
-    step_work *s = room(1, sizeof *s);
+    step_work *s = lf_bench_room(1, sizeof *s);
     lf_config *cfg;
     lf_error err;
     lf_status status = lf_config_load(NULL, &cfg, &err);
@@ -154,16 +148,16 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
     const lf_adam_config adam = {.beta1 = 0.9, .beta2 = 0.999, .eps = 1e-8};
     lf_adam_init(&s->adam, &adam, s->store);
     const long pixels = s->images * config.image_size * config.image_size * channels;
-    s->image = room(pixels, sizeof *s->image);
+    s->image = lf_bench_room(pixels, sizeof *s->image);
     lf_stream r = lf_stream_at(2, LF_RANDOM_TEST, 0, 0);
     for (long i = 0; i < pixels; i++)
         s->image[i] = lf_reference_input(lf_uniform(&r));
-    s->sdf = room(s->points, sizeof *s->sdf);
-    s->uv = room(2 * s->points * VIEWS, sizeof *s->uv);
-    s->direction = room(3 * s->points * VIEWS, sizeof *s->direction);
-    s->distance = room(s->points * VIEWS, sizeof *s->distance);
-    s->mask = room(s->points * VIEWS, 1);
-    s->first = room(s->points, sizeof *s->first);
+    s->sdf = lf_bench_room(s->points, sizeof *s->sdf);
+    s->uv = lf_bench_room(2 * s->points * VIEWS, sizeof *s->uv);
+    s->direction = lf_bench_room(3 * s->points * VIEWS, sizeof *s->direction);
+    s->distance = lf_bench_room(s->points * VIEWS, sizeof *s->distance);
+    s->mask = lf_bench_room(s->points * VIEWS, 1);
+    s->first = lf_bench_room(s->points, sizeof *s->first);
     fill_points(s, (double)config.image_size);
     s->work = (lf_bench_work){.flop = 6 * lf_recon_macs(&s->model, s->images, s->points, VIEWS),
                               .run = run_step,
@@ -184,12 +178,33 @@ static lf_bench_work *open_small_images(const lf_bench_case *c)
 }
 
 /* configs/peer-tiny.ini with three channels. */
+#define PEER                                                                                       \
+    "model.stem_pool=true", "model.stages=2, 2, 2, 2", "model.first_stride=1",                     \
+        "model.features=16", "model.stem_features=false", "model.sample_image=false",              \
+        "model.blocks=3", "model.skip=linear"
+
 static lf_bench_work *open_peer(const lf_bench_case *c)
 {
-    static const char *const sets[] = {
-        "model.stem_pool=true",      "model.stages=2, 2, 2, 2", "model.first_stride=1",
-        "model.fields=4, 8, 16, 32", "model.features=16",       "model.stem_features=false",
-        "model.sample_image=false",  "model.blocks=3",          "model.skip=linear"};
+    static const char *const sets[] = {PEER, "model.fields=4, 8, 16, 32"};
+    return open_sets(c, sets, sizeof sets / sizeof *sets, 3);
+}
+
+static lf_bench_work *open_small(const lf_bench_case *c)
+{
+    static const char *const sets[] = {PEER, "model.stem_fields=8", "model.fields=8, 16, 32, 64",
+                                       "data.image_size=129"};
+    return open_sets(c, sets, sizeof sets / sizeof *sets, 3);
+}
+
+/* The bottleneck blocks of ResNet-50 over fields: 64 channels of the stem, 256 to 2048 after. */
+static lf_bench_work *open_paper(const lf_bench_case *c)
+{
+    static const char *const sets[] = {PEER,
+                                       "model.stages=3, 4, 6, 3",
+                                       "model.block=bottleneck",
+                                       "model.stem_fields=8",
+                                       "model.fields=32, 64, 128, 256",
+                                       "data.image_size=225"};
     return open_sets(c, sets, sizeof sets / sizeof *sets, 3);
 }
 
@@ -205,6 +220,21 @@ static const lf_bench_case cases[] = {
      open_peer,
      {1, 2048, 32},
      0},
+    {"step-small",
+     "the same of twice the fields: 8 views 129x129, 2048 points",
+     open_small,
+     {1, 2048, 32},
+     0},
 };
 
-const lf_bench_table lf_bench_steps = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_steps = {"steps", cases, sizeof cases / sizeof *cases, false};
+
+static const lf_bench_case paper[] = {
+    {"paper-reconstruct",
+     "first training step at the paper's size: C8 ResNet-50, 8 views 225x225, 2048 points",
+     open_paper,
+     {1, 2048, 32},
+     0},
+};
+
+const lf_bench_table lf_bench_paper = {"paper", paper, sizeof paper / sizeof *paper, true};
