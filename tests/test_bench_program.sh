@@ -39,12 +39,14 @@ expect 0 '^linear-16 .*% [fm] +- +- +- +-$' "$bench" "${few[@]}" --exact linear-
 expect 0 '^linear-16 .*% [fm] +- +- +- +-$' "$bench-f64" "${few[@]}" --exact linear-16 # is the reference
 mkdir alone
 cp "$bench" alone/elf-bench
-unmeasured() { # unmeasured WORDS: a message in place of the error, and no number
-    expect 0 "not measured: .*$1" alone/elf-bench "${few[@]}" --exact linear-16 --json alone.json
-    grep -q '"error": null' alone.json || fail "an error that was not measured has a number"
-    grep -q '"error_missing": ".*elf-bench-f64' alone.json || fail "the JSON does not say why there is no error"
+unmeasured() { # unmeasured WORDS OPTIONS...: a message in place of the error, and no number
+    local words=$1
+    shift
+    expect 0 "^linear-16 .* - not measured: .*$words" alone/elf-bench "${few[@]}" --exact linear-16 "$@"
 }
-unmeasured 'elf-bench-f64: No such file'
+unmeasured 'elf-bench-f64: No such file' --json alone.json
+grep -q '"error": null' alone.json || fail "an error that was not measured has a number"
+grep -q '"error_missing": ".*elf-bench-f64' alone.json || fail "the JSON does not say why there is no error"
 fake() { printf '#!/bin/sh\n%s\n' "$1" >alone/elf-bench-f64 && chmod +x alone/elf-bench-f64; }
 fake 'exit 1'
 unmeasured 'no outputs'
