@@ -138,7 +138,7 @@ const lf_key lf_schema[] = {
     INT("train.tile_rays", "2", 1, 1024, "Renderers: rays a worker takes at once; its memory should fit the L2 cache."),
     INTS("train.pool", "40, 40, 20", 0, 100,
          "Renderers: per cent of steps that draw the sources from the nearest 1, 2 and 3 times as many views."),
-    REAL("train.white_share", "0.8", 0, 1, "Renderers: share of pure white pixels that are put at the end of the draw."),
+    REAL("train.white_share", "0.8", 0, 1, "Renderers: share of pure white pixels that are put at the end of the draw, on a white ground."),
     INT("train.seen_samples", "4", 0, 1024, "Renderers: a ray counts if more than so many of its samples are seen by two views."),
     REAL("train.near_fraction", "0.5", 0, 1, "Share of query points near the surface; others fill the cube."),
     REAL("train.lr", "5e-3", 0, 10, "Learning rate after the warm-up."),
