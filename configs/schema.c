@@ -162,6 +162,7 @@ const lf_key lf_schema[] = {
     INT("train.max_bad_steps", "10", 1, 1000000, "Steps in a row with a non-finite loss or gradient that stop the run."),
 
     INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
+    REAL("eval.lipschitz", "1", 0, 100, "Slope of the field that leaving out grid cells relies on; 2 is safer and takes half as long again."),
     INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; resolution is it times a power of two."),
     INT("eval.views", "0", 0, 100000, "Renderers: most views of a scene to evaluate; 0: all."),
     INT("eval.sources", "0", 0, 64, "Renderers: source views of an evaluated view; 0: render.sources. The networks take any number."),
