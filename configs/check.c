@@ -131,6 +131,11 @@ static lf_status check_render(const lf_config *cfg, lf_error *err)
     if (pools != 3 || pool[0] + pool[1] + pool[2] != 100)
         return lf_fail(err, LF_BAD_INPUT,
                        "train.pool: allowed are three numbers that add up to 100");
+    if (!lf_config_is(cfg, "data.setting", "I"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "data.setting = %s: allowed is I: renderers train on cameras as they are; "
+                       "elf-eval --setting SO3 turns the frame",
+                       lf_config_choice(cfg, "data.setting"));
     if (lf_config_int(cfg, "data.builtin_scenes") == 0 &&
         strcmp(lf_config_string(cfg, "data.scenes"), "none") == 0)
         return lf_fail(err, LF_BAD_INPUT,

@@ -583,36 +583,18 @@ static void test_folders(void **state)
     assert_non_null(strstr(err.text, "poses_bounds.npy"));
 }
 
-/* near and far of the files are multiplied; given ones are not. */
-static void test_depth_factors(void **state)
+/* near and far given replace the files'. */
+static void test_given_depths(void **state)
 {
     char path[512];
-    lf_error err;
-    lf_scene *made = make_scene(false, false), *scene;
+    lf_scene *made = make_scene(false, false);
     assert_int_equal(lf_scene_write(made, LF_LAYOUT_LLFF, place(state, "llff", path), NULL), LF_OK);
     lf_scene_options o = lf_scene_defaults();
-    o.near_factor = 0.9;
-    o.far_factor = 1.6;
-    scene = open_with(state, "llff", &o);
-    for (long v = 0; v < scene->views; v++) {
-        assert_close(scene->view[v].near, 1.8, 1e-12, 0);
-        assert_close(scene->view[v].far, 9.6, 1e-12, 0);
-    }
-    lf_scene_close(scene);
     o.near = 1;
     o.far = 7;
-    scene = open_with(state, "llff", &o);
+    lf_scene *scene = open_with(state, "llff", &o);
     assert_true(scene->view[0].near == 1 && scene->view[0].far == 7);
     lf_scene_close(scene);
-    o = lf_scene_defaults();
-    o.near_factor = 4;
-    scene = NULL;
-    assert_int_equal(lf_scene_open(path, &o, &scene, &err), LF_BAD_INPUT);
-    assert_non_null(strstr(err.text, "is not below far"));
-    o.near_factor = 0;
-    assert_int_equal(lf_scene_open(path, &o, &scene, &err), LF_BAD_INPUT);
-    assert_non_null(strstr(err.text, "near_factor 0"));
-    assert_null(scene);
     lf_scene_close(made);
 }
 
@@ -635,7 +617,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_mesh_file, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_job, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_folders, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_depth_factors, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_given_depths, set_up, tear_down),
     };
     return cmocka_run_group_tests_name("scene_make", tests, NULL, NULL);
 }
