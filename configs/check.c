@@ -41,9 +41,10 @@ static lf_status check_backbone(const lf_config *cfg, lf_error *err)
 static lf_status check_sizes(const lf_config *cfg, lf_error *err)
 {
     enum { MAPS = 8, WIDTHS = 7 };
-    int stages, widths;
+    int stages, widths, points;
     const long *fields = lf_config_ints(cfg, "model.fields", &stages);
     lf_config_ints(cfg, "model.mlp", &widths);
+    lf_config_ints(cfg, "model.point", &points);
     const int maps = stages + lf_config_bool(cfg, "model.stem_features") +
                      lf_config_bool(cfg, "model.sample_image");
     if (maps > MAPS)
@@ -53,6 +54,9 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
                        stages, maps, MAPS);
     if (widths > WIDTHS)
         return lf_fail(err, LF_BAD_INPUT, "model.mlp has %d numbers: allowed are %d", widths,
+                       WIDTHS);
+    if (points > WIDTHS)
+        return lf_fail(err, LF_BAD_INPUT, "model.point has %d numbers: allowed are %d", points,
                        WIDTHS);
     for (int s = 0; s < stages && lf_config_is(cfg, "model.block", "bottleneck"); s++)
         if (fields[s] % 4)
@@ -139,8 +143,10 @@ lf_status lf_config_check(const lf_config *cfg, lf_error *err)
         return check_render(cfg, err);
     LF_TRY(check_backbone(cfg, err));
     LF_TRY(check_sizes(cfg, err));
-    LF_TRY(check_head(cfg, "model.scalars", err));
-    LF_TRY(check_head(cfg, "model.vectors", err));
+    if (lf_config_is(cfg, "model.type", "equivariant")) {
+        LF_TRY(check_head(cfg, "model.scalars", err));
+        LF_TRY(check_head(cfg, "model.vectors", err));
+    }
     LF_TRY(check_data(cfg, err));
     return check_grid(cfg, err);
 }

@@ -25,6 +25,12 @@ struct lf_recon_config {
     int depth_octaves; /* 0: no depth code; else 1 + 2 * octaves numbers a ray */
     lf_transformer_config block;
     int blocks;
+    /* disn */
+    struct {
+        int point_widths;
+        long point[LF_MLP_MAX]; /* widths of the MLP on positions */
+        long global;            /* numbers of an object */
+    } disn;
 };
 
 /* The [model] and [data] keys of a config. */
@@ -52,9 +58,9 @@ void lf_recon_backbone_init(lf_recon *model, int more_channels);
  * of edge 1 at the origin, corners included. */
 void lf_recon_grid(const lf_recon *model, double (*point)[3]);
 
-/* Maps (and objects) of images [N, H, W, C]; `grid` as in lf_recon_network, NULL where there is no
- * grid. The code's tensors are the tape's. */
-void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images,
+/* Maps (and objects) of images [N, H, W, C], `views` in a row of each object; `grid` as in
+ * lf_recon_network, NULL where there is no grid. The code's tensors are the tape's. */
+void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images, long views,
                             const lf_recon_points *grid, bool training, lf_recon_code *code);
 /* What the images show of the points, and what is known of their objects there, on `tape`. The
  * arrays of `points` are used until the backward is done. */

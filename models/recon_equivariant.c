@@ -137,12 +137,7 @@ static void cost(const lf_recon *model, long views, lf_recon_cost *cost)
     for (int b = 0; b < c->blocks; b++)
         point += block_macs(&c->block, v, b ? c0 : f, b ? c1 : 0);
     point += 2 * 3 * kept * c1 * kept * c1;
-    double in = kept * (c0 + c1);
-    for (int i = 0; i < c->mlp_widths; i++) {
-        point += in * (double)c->mlp[i];
-        in = (double)c->mlp[i];
-    }
-    cost->point += point + in;
+    cost->point += point + lf_mlp_macs(&net->head);
 }
 
 const lf_recon_network lf_recon_equivariant = {
