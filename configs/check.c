@@ -68,6 +68,23 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
     return LF_OK;
 }
 
+static lf_status check_volume(const lf_config *cfg, lf_error *err)
+{
+    enum { LEVELS = 8 };
+    int levels;
+    lf_config_ints(cfg, "model.volume", &levels);
+    if (levels > LEVELS)
+        return lf_fail(err, LF_BAD_INPUT, "model.volume has %d numbers: allowed are %d", levels,
+                       LEVELS);
+    const long grid = lf_config_int(cfg, "model.grid"), stride = 1L << (levels - 1);
+    if ((grid - 1) % stride)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "model.grid = %ld: with %d levels in model.volume, allowed is a multiple of "
+                       "%ld, plus 1",
+                       grid, levels, stride);
+    return LF_OK;
+}
+
 static lf_status check_grid(const lf_config *cfg, lf_error *err)
 {
     const long fine = lf_config_int(cfg, "eval.resolution"),
@@ -147,6 +164,8 @@ lf_status lf_config_check(const lf_config *cfg, lf_error *err)
         LF_TRY(check_head(cfg, "model.scalars", err));
         LF_TRY(check_head(cfg, "model.vectors", err));
     }
+    if (lf_config_is(cfg, "model.type", "fvor"))
+        LF_TRY(check_volume(cfg, err));
     LF_TRY(check_data(cfg, err));
     return check_grid(cfg, err);
 }

@@ -71,10 +71,7 @@ static lf_tensor *recall(lf_tape *tape, const lf_recon *model, lf_tensor *object
                          const lf_recon_points *p)
 {
     (void)model;
-    long *row = lf_alloc(tape, (size_t)p->count * sizeof *row);
-    for (long q = 0; q < p->count; q++)
-        row[q] = p->first[q] / p->views;
-    return lf_gather_rows(tape, object, p->count, row);
+    return lf_gather_rows(tape, object, p->count, lf_recon_objects(tape, p));
 }
 
 static lf_tensor *stream_apply(lf_tape *tape, const stream *s, lf_tensor *position,

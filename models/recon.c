@@ -1,9 +1,10 @@
 /* recon.c: what all reconstruction models have in common. See recon.h.            [method.md 5a.2,
  * 5a.3] */
 #include "models/disn.h"
+#include "models/fvor.h"
 #include "models/recon_equivariant.h"
 
-static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_disn};
+static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_disn, &lf_fvor};
 enum { NETWORKS = sizeof networks / sizeof *networks };
 
 /* ---- config ---- */
@@ -143,6 +144,14 @@ lf_recon_inputs lf_recon_look(lf_tape *tape, const lf_recon *model, const lf_rec
     if (network->recall)
         in.known = network->recall(tape, model, code->object, points);
     return in;
+}
+
+const long *lf_recon_objects(lf_tape *tape, const lf_recon_points *points)
+{
+    long *object = lf_alloc(tape, (size_t)points->count * sizeof *object);
+    for (long q = 0; q < points->count; q++)
+        object[q] = points->first[q] / points->views;
+    return object;
 }
 
 lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,

@@ -12,7 +12,7 @@
 
 #include "models/recon_network.h"
 
-enum { LF_RECON_BLOCKS = 6, LF_RECON_LAYERS = LF_RECON_BLOCKS + 1 };
+enum { LF_RECON_BLOCKS = 6, LF_RECON_LAYERS = LF_RECON_BLOCKS + 1, LF_FVOR_LEVELS = 8 };
 
 struct lf_recon_config {
     const lf_recon_network *network;
@@ -31,6 +31,11 @@ struct lf_recon_config {
         long point[LF_MLP_MAX]; /* widths of the MLP on positions */
         long global;            /* numbers of an object */
     } disn;
+    /* fvor */
+    struct {
+        int levels, fields[LF_FVOR_LEVELS]; /* of the volume's U-Net, 8 channels each */
+        long grid;                          /* voxels along an edge */
+    } fvor;
 };
 
 /* The [model] and [data] keys of a config. */
@@ -70,6 +75,9 @@ lf_recon_inputs lf_recon_look(lf_tape *tape, const lf_recon *model, const lf_rec
  * inside the network, model->layers of them. */
 lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,
                         lf_field *layers);
+
+/* For a network's recall: the number of each point's object, [Q] on the tape. */
+const long *lf_recon_objects(lf_tape *tape, const lf_recon_points *points);
 
 lf_recon_cost lf_recon_costs(const lf_recon *model, long views);
 
