@@ -123,10 +123,12 @@ static void another_frame_changes_the_prediction(void **state)
         open_net(&n, k < KINDS ? kinds[k].plain : NULL);
         scene *s = make_scene(), *moved = make_scene();
         for (uint64_t draw = 0; draw < 3; draw++) {
-            for (int what = 0; what < 2; what++) { /* a rotation, a translation */
-                lf_motion g = random_motion(draw, what ? 0.3 : 0);
-                if (what)
+            for (int axis = -1; axis < 3; axis++) { /* a rotation, a shift along each axis */
+                lf_motion g = random_motion(draw, 0);
+                if (axis >= 0) {
                     lf_rotation_identity(g.rotation);
+                    g.translation[axis] = draw ? -0.3 : 0.2;
+                }
                 move(s, &g, moved);
                 const double e = change(&n, s, moved);
                 if (k == KINDS)
@@ -340,6 +342,28 @@ static void the_grid_spans_the_unit_cube(void **state)
     close_net(&n);
 }
 
+/* FvOR's backbone sees column and row of a pixel behind its channels. */
+static void pixels_have_coordinates(void **state)
+{
+    (void)state;
+    net n;
+    open_net(&n, kinds[1].plain);
+    scene *s = make_scene();
+    lf_tape *tape = lf_tape_create();
+    lf_tensor *x = lf_leaf(tape, 4, LF_DIMS(V, SIZE, SIZE, CHANNELS), s->image, NULL);
+    const lf_tensor *y = n.model.config.network->view(tape, &n.model, x);
+    assert_int_equal(lf_cols(y), CHANNELS + 2);
+    for (long i = 0; i < lf_rows(y); i++) {
+        const lf_real *row = y->value + i * (CHANNELS + 2);
+        assert_memory_equal(row, s->image + i * CHANNELS, CHANNELS * sizeof *row);
+        assert_close(row[CHANNELS], (double)(i % SIZE - 16) / 16, 0, 1e-6);
+        assert_close(row[CHANNELS + 1], (double)(i / SIZE % SIZE - 16) / 16, 0, 1e-6);
+    }
+    lf_tape_free(tape);
+    free(s);
+    close_net(&n);
+}
+
 static void what_is_known_of_objects_has_its_shape(void **state)
 {
     (void)state;
@@ -387,6 +411,7 @@ int main(void)
         cmocka_unit_test(no_op_hides_a_nan),
         cmocka_unit_test(a_point_that_no_view_sees_has_a_finite_distance),
         cmocka_unit_test(the_grid_spans_the_unit_cube),
+        cmocka_unit_test(pixels_have_coordinates),
         cmocka_unit_test(what_is_known_of_objects_has_its_shape),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

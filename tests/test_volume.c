@@ -1,5 +1,5 @@
 /* test_volume.c: feature volumes against their definitions: a 3-D convolution, trilinear samples.
- *                                                                                 [method.md 5c.2]
+ *                                                                                 [method.md 5d.2]
  */
 #include "autograd/ops_image.h"
 #include "autograd/random.h"
