@@ -191,14 +191,15 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
 
 static lf_bench_work *open_tiny(const lf_bench_case *c)
 {
-    static const char *const sets[] = {"model.type=renderer", "render.types=0, 1, 2, 4"};
-    return open_sets(c, sets, 2);
+    static const char *const sets[] = {"model.type=renderer", "render.types=0, 1, 2, 4",
+                                       "render.samples=40"};
+    return open_sets(c, sets, 3);
 }
 
 static lf_bench_work *open_tiny_ibrnet(const lf_bench_case *c)
 {
-    static const char *const sets[] = {"model.type=ibrnet"};
-    return open_sets(c, sets, 1);
+    static const char *const sets[] = {"model.type=ibrnet", "render.samples=40"};
+    return open_sets(c, sets, 2);
 }
 
 /* IBRNet's feature network, coarse and fine. */
@@ -220,7 +221,7 @@ static lf_bench_work *open_paper_ibrnet(const lf_bench_case *c)
 
 static const lf_bench_case cases[] = {
     {"render-tiny",
-     "training step of configs/render-tiny.ini: 64 rays, 24 samples, 6 views 100x100",
+     "training step of configs/render-tiny.ini: 64 rays, 40 samples, 6 views 100x100",
      open_tiny,
      {64, 100, 100},
      0},

@@ -22,21 +22,23 @@ typedef struct step_work {
     double loss;
     lf_real *image;
     float *sdf;
-    double *uv, *direction, *distance;
+    double *uv, *direction, *distance, *position;
     uint8_t *mask;
     long *first;
 } step_work;
 
 static lf_recon_points points_of(const step_work *s)
 {
-    return (lf_recon_points){s->points, VIEWS, s->uv, s->direction, s->distance, s->mask, s->first};
+    return (lf_recon_points){s->points, VIEWS,    s->uv,       s->direction, s->distance,
+                             s->mask,   s->first, s->position, s->direction};
 }
 
 static void run_gradient(step_work *s)
 {
     const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
+    const lf_recon_images images = {s->images, VIEWS, s->image, NULL};
     const lf_recon_points points = points_of(s);
-    s->loss = lf_recon_step(s->run, s->images, s->image, &points, s->sdf, &loss);
+    s->loss = lf_recon_step(s->run, &images, &points, s->sdf, &loss);
 }
 
 static void run_step(lf_bench_work *work)
@@ -52,24 +54,17 @@ static void run_step(lf_bench_work *work)
 /* The distances that training sees, of all points on one tape. */
 static void add_distances(const step_work *s, lf_outputs *to)
 {
-    const long size = s->model.config.image_size, rays = s->points * VIEWS;
+    const lf_recon_config *c = &s->model.config;
+    const lf_recon_points points = points_of(s);
     lf_tape *tape = lf_tape_create();
     lf_tape_set_grad(tape, false);
-    lf_tensor *maps[LF_BACKBONE_MAPS + 1];
+    lf_recon_code code;
     lf_tensor *images =
-        lf_leaf(tape, 4, LF_DIMS(s->images, size, size, s->model.config.backbone.in_channels),
+        lf_leaf(tape, 4, LF_DIMS(s->images, c->image_size, c->image_size, c->backbone.in_channels),
                 s->image, NULL);
-    const int count = lf_recon_maps(tape, &s->model, images, true, maps);
-    lf_tensor *direction = lf_tensor_new(tape, 3, LF_DIMS(s->points, VIEWS, 3));
-    lf_tensor *mask = lf_tensor_new(tape, 2, LF_DIMS(s->points, VIEWS));
-    for (long i = 0; i < 3 * rays; i++)
-        direction->value[i] = (lf_real)s->direction[i];
-    for (long i = 0; i < rays; i++)
-        mask->value[i] = s->mask[i];
-    lf_tensor *seen = lf_sample_maps(tape, count, maps, size, size, s->points, VIEWS, s->uv,
-                                     mask->value, s->first);
-    const lf_ray_geometry geometry = {s->points, VIEWS, direction, mask};
-    const lf_tensor *x = lf_recon_sdf(tape, &s->model, seen, &geometry, s->distance, NULL);
+    lf_recon_encode_images(tape, &s->model, images, VIEWS, NULL, true, &code);
+    const lf_recon_inputs in = lf_recon_look(tape, &s->model, &code, &points);
+    const lf_tensor *x = lf_recon_sdf(tape, &s->model, &in, NULL);
     lf_outputs_add(to, "distances", x->size, x->value);
     lf_tape_free(tape);
 }
@@ -95,6 +90,7 @@ static void close_step(lf_bench_work *work)
     free(s->uv);
     free(s->direction);
     free(s->distance);
+    free(s->position);
     free(s->mask);
     free(s->first);
     free(s);
@@ -119,6 +115,8 @@ static void fill_points(step_work *s, double size)
     lf_reference_round_doubles(2 * s->points * VIEWS, s->uv);
     lf_reference_round_doubles(3 * s->points * VIEWS, s->direction);
     for (long q = 0; q < s->points; q++) {
+        for (int a = 0; a < 3; a++)
+            s->position[3 * q + a] = lf_uniform(&r) - 0.5;
         s->sdf[q] = (float)(0.2 * (lf_uniform(&r) - 0.5));
         s->first[q] = q * s->images / VIEWS / s->points * VIEWS;
     }
@@ -156,6 +154,7 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
     s->uv = lf_bench_room(2 * s->points * VIEWS, sizeof *s->uv);
     s->direction = lf_bench_room(3 * s->points * VIEWS, sizeof *s->direction);
     s->distance = lf_bench_room(s->points * VIEWS, sizeof *s->distance);
+    s->position = lf_bench_room(3 * s->points, sizeof *s->position);
     s->mask = lf_bench_room(s->points * VIEWS, 1);
     s->first = lf_bench_room(s->points, sizeof *s->first);
     fill_points(s, (double)config.image_size);
