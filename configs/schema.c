@@ -33,8 +33,8 @@
 
 /* clang-format off */
 const lf_key lf_schema[] = {
-    CHOICE("model.type", "equivariant", "equivariant|renderer|ibrnet",
-           "The system: equivariant reconstruction, the equivariant renderer, or IBRNet."),
+    CHOICE("model.type", "equivariant", "equivariant|disn|fvor|renderer|ibrnet",
+           "The system: equivariant reconstruction, DISN or FvOR (both are told positions in the object's frame); the equivariant renderer, or IBRNet."),
     CHOICE("model.backbone", "c8", "c8|plain",
            "Features of the views: equivariant to eighth turns, or ordinary convolutions of equal size."),
     INT("model.stem_fields", "4", 1, 256, "Fields (of 8 channels) after the first convolution."),
@@ -59,7 +59,11 @@ const lf_key lf_schema[] = {
     BOOL("model.degree2", "false", "The degree-2 path from vectors to vectors in the SE(3) kernels."),
     CHOICE("model.nonlinearity", "norm", "norm|gated", "Nonlinearity of vectors in the head."),
     CHOICE("model.skip", "identity", "identity|linear", "The residual path around attention."),
-    INTS("model.mlp", "64, 64", 1, 4096, "Widths of the hidden layers of the last MLP."),
+    INTS("model.mlp", "64, 64", 1, 4096, "Widths of the hidden layers of the last MLP (disn: of both)."),
+    INTS("model.point", "16, 32, 64", 1, 4096, "disn: widths of the layers on the position of a point, for each stream."),
+    INT("model.grid", "17", 3, 257, "fvor: voxels along an edge of the feature volume; 2^(levels - 1) m + 1."),
+    INTS("model.volume", "1, 2, 2", 1, 256, "fvor: fields (of 8 channels) of each level of the volume's U-Net, finest first."),
+    INT("model.global", "64", 1, 4096, "disn: numbers of the whole object, for the global stream."),
 
     INTS("render.types", "0, 2, 4, 8, 16, 32, 64, 128", 0, 1024,
          "renderer: angular types omega of the fields along a ray; 0, then rising."),
@@ -138,7 +142,7 @@ const lf_key lf_schema[] = {
     INT("train.tile_rays", "2", 1, 1024, "Renderers: rays a worker takes at once; its memory should fit the L2 cache."),
     INTS("train.pool", "40, 40, 20", 0, 100,
          "Renderers: per cent of steps that draw the sources from the nearest 1, 2 and 3 times as many views."),
-    REAL("train.white_share", "0.8", 0, 1, "Renderers: share of pure white pixels that are put at the end of the draw."),
+    REAL("train.white_share", "0.8", 0, 1, "Renderers: share of pure white pixels that are put at the end of the draw, on a white ground."),
     INT("train.seen_samples", "4", 0, 1024, "Renderers: a ray counts if more than so many of its samples are seen by two views."),
     REAL("train.near_fraction", "0.5", 0, 1, "Share of query points near the surface; others fill the cube."),
     REAL("train.lr", "5e-3", 0, 10, "Learning rate after the warm-up."),
@@ -162,6 +166,7 @@ const lf_key lf_schema[] = {
     INT("train.max_bad_steps", "10", 1, 1000000, "Steps in a row with a non-finite loss or gradient that stop the run."),
 
     INT("eval.resolution", "128", 8, 1024, "Cells along an edge of the grid that meshes are taken from."),
+    REAL("eval.lipschitz", "1", 0, 100, "Slope of the field that leaving out grid cells relies on; 2 is safer and takes half as long again."),
     INT("eval.coarse", "32", 4, 1024, "Cells of the first, coarse grid; resolution is it times a power of two."),
     INT("eval.views", "0", 0, 100000, "Renderers: most views of a scene to evaluate; 0: all."),
     INT("eval.sources", "0", 0, 64, "Renderers: source views of an evaluated view; 0: render.sources. The networks take any number."),

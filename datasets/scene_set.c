@@ -59,7 +59,7 @@ static void file_depths(lf_scene_entry *e, const lf_scene_set_options *o)
     qsort(far, (size_t)s->views, sizeof *far, by_size);
     e->far = e->builtin ? far[s->views - 1] : far[s->views / 2];
     free(far);
-    if (s->depths == LF_DEPTHS_FILE || s->depths == LF_DEPTHS_POINTS) {
+    if (!e->builtin && (s->depths == LF_DEPTHS_FILE || s->depths == LF_DEPTHS_POINTS)) {
         e->near *= o->near_factor;
         e->far *= o->far_factor;
     }

@@ -71,9 +71,9 @@ static lf_tensor *map(lf_tape *tape, const lf_linear_layer *layer, lf_tensor *x,
 }
 
 static lf_tensor *two_maps(lf_tape *tape, const lf_linear_layer *layer, lf_tensor *x,
-                           const lf_lanes *lanes)
+                           const lf_lanes *lanes, lf_activation last)
 {
-    return map(tape, layer + 1, map(tape, layer, x, lanes, LF_ELU), lanes, LF_ELU);
+    return map(tape, layer + 1, map(tape, layer, x, lanes, LF_ELU), lanes, last);
 }
 
 /* ELU(W [mean, variance, x] + b): the first two once a point. */
@@ -126,7 +126,8 @@ static lf_tensor *along_ray(lf_tape *tape, const lf_ibrnet *net, lf_tensor *x,
 static lf_tensor *density(lf_tape *tape, const lf_ibrnet *net, lf_tensor *moments,
                           const lf_lanes *lanes, const lf_tensor *count)
 {
-    lf_tensor *x = lf_lanes_to_rows(tape, two_maps(tape, net->point, moments, lanes), lanes);
+    lf_tensor *x =
+        lf_lanes_to_rows(tape, two_maps(tape, net->point, moments, lanes, LF_ELU), lanes);
     x = lf_add(tape, x, position_code(tape, lanes, net->config.width));
     lf_tensor *t = lf_mlp_apply(tape, &net->density, along_ray(tape, net, x, count));
     if (net->config.softplus)
@@ -156,16 +157,16 @@ lf_radiance lf_ibrnet_apply(lf_tape *tape, const lf_ibrnet *net, const lf_ray_in
                net->config.inputs, in->difference ? "given" : "missing");
     const lf_lanes lanes = lf_lanes_make(tape, in->geometry->mask, in->difference);
     lf_tensor *turned = lf_leaf(tape, 3, lanes.difference->dim, lanes.difference->value, NULL);
-    lf_tensor *f =
-        lf_lanes_add_rows(tape, in->seen, two_maps(tape, net->direction, turned, &lanes), &lanes);
+    lf_tensor *f = lf_lanes_add_rows(
+        tape, in->seen, two_maps(tape, net->direction, turned, &lanes, LF_ELU), &lanes);
     lf_tensor *w = lf_ibrnet_weights(tape, lf_param(tape, net->sharpness), &lanes);
     lf_tensor *moments = lf_ibrnet_moments(tape, f, w, &lanes, false);
     lf_tensor *x =
         map(tape, &net->base[1], base_map(tape, &net->base[0], f, moments, &lanes), &lanes, LF_ELU);
-    lf_tensor *r = two_maps(tape, net->visibility, lf_lanes_scale(tape, x, w), &lanes);
+    lf_tensor *r = two_maps(tape, net->visibility, lf_lanes_scale(tape, x, w), &lanes, LF_ELU);
     const lf_ibrnet_residual updated = lf_ibrnet_residual_apply(tape, x, r, &lanes);
     const lf_ibrnet_visibility seen = lf_ibrnet_visibility_apply(
-        tape, two_maps(tape, net->again, updated.visible, &lanes), &lanes);
+        tape, two_maps(tape, net->again, updated.visible, &lanes, LF_IDENTITY), &lanes);
     moments = lf_ibrnet_moments(tape, updated.x, seen.weight, &lanes, true);
     return (lf_radiance){colour(tape, net, updated.x, seen.visibility, turned, in->seen, &lanes),
                          density(tape, net, moments, &lanes, in->geometry->count)};

@@ -8,7 +8,8 @@
  *              ray (4 heads, residual, layer norm); width -> 16 -> 1: the density
  *   colour     of each view a logit: [32, second weight, differences 4] -> 16 -> 8 -> 1; softmax
  *
- * ELU after every map but the last of colour and density. Features and maps in lanes: see
+ * ELU after every map but the last of colour, of density and of the second visibility, which a
+ * sigmoid follows. Features and maps in lanes: see
  * layers/ibrnet.h. The mean and variance's share of base's first map is computed once a point.
  */
 #ifndef LF_MODELS_IBRNET_H
