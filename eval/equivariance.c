@@ -111,7 +111,11 @@ static probe run_model(const lf_recon *model, const uint8_t *images,
     lf_field kept[LF_RECON_BLOCKS + 1];
     lf_tensor *x = lf_recon_sdf(s.tape, model, seen, &rays, projection->distance, kept);
     for (int b = 0; b <= c->blocks; b++) {
-        keep(&p, SCALAR, kept[b].scalar, b ? "block %d, scalars" : "convolution, scalars", b - 1);
+        keep(&p, SCALAR, kept[b].scalar,
+             b             ? "block %d, scalars"
+             : c->max_pool ? "maximum over the views"
+                           : "convolution, scalars",
+             b - 1);
         if (kept[b].vector)
             keep(&p, VECTOR, kept[b].vector, b ? "block %d, vectors" : "convolution, vectors",
                  b - 1);

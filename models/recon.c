@@ -16,6 +16,7 @@ static lf_backbone_config backbone_config(const lf_config *cfg)
     lf_backbone_config b = {
         .in_channels = lf_config_is(cfg, "data.channels", "colour") ? 4 : 2,
         .c8 = lf_config_is(cfg, "model.backbone", "c8"),
+        .plain_channels = (int)lf_config_int(cfg, "model.plain_channels"),
         .stem_fields = (int)lf_config_int(cfg, "model.stem_fields"),
         .stem_size = (int)lf_config_int(cfg, "model.stem_size"),
         .stem_pool = lf_config_bool(cfg, "model.stem_pool"),
@@ -42,6 +43,7 @@ lf_recon_config lf_recon_config_from(const lf_config *cfg)
         .image_size = lf_config_int(cfg, "data.image_size"),
         .sample_image = lf_config_bool(cfg, "model.sample_image"),
         .depth_octaves = (int)lf_config_int(cfg, "model.depth_octaves"),
+        .max_pool = lf_config_is(cfg, "model.fusion", "max-pool"),
         .block = {.scalars = lf_config_int(cfg, "model.scalars"),
                   .vectors = lf_config_int(cfg, "model.vectors"),
                   .heads = (int)lf_config_int(cfg, "model.heads"),
@@ -49,8 +51,8 @@ lf_recon_config lf_recon_config_from(const lf_config *cfg)
                   .skip_linear = lf_config_is(cfg, "model.skip", "linear"),
                   .nonlinearity =
                       lf_config_is(cfg, "model.nonlinearity", "gated") ? LF_GATED : LF_NORM_RELU},
-        .blocks = (int)lf_config_int(cfg, "model.blocks"),
     };
+    c.blocks = c.max_pool ? 0 : (int)lf_config_int(cfg, "model.blocks");
     const long *mlp = lf_config_ints(cfg, "model.mlp", &c.mlp_widths);
     LF_REQUIRE(c.mlp_widths < LF_MLP_MAX && c.blocks <= LF_RECON_BLOCKS, "%d MLP layers, %d blocks",
                c.mlp_widths, c.blocks);
@@ -69,15 +71,12 @@ long lf_recon_sampled(const lf_recon *model)
     return model->feature_count - depth_code_size(&model->config);
 }
 
-void lf_recon_init(lf_recon *model, lf_store *store, const lf_recon_config *config)
+/* What lies between samples and MLP; returns how many numbers of a point the MLP gets. */
+static long init_fusion(lf_recon *model, lf_store *store, const lf_recon_config *config)
 {
-    *model = (lf_recon){.config = *config, .store = store};
     const long c0 = config->block.scalars, c1 = config->block.vectors, kept = config->blocks + 1;
-    lf_backbone_init(store, "backbone", &config->backbone, &model->backbone);
-    model->head_first = lf_store_size(store);
-    const long maps = config->backbone.stages + (config->backbone.stem_map ? 1 : 0);
-    model->feature_count = maps * config->backbone.features + depth_code_size(config) +
-                           (config->sample_image ? config->backbone.in_channels : 0);
+    if (config->max_pool)
+        return model->feature_count;
     lf_ray_convolution_init(store, &model->convolution, "convolution", model->feature_count, c0,
                             c1);
     for (int b = 0; b < config->blocks; b++) {
@@ -89,7 +88,19 @@ void lf_recon_init(lf_recon *model, lf_store *store, const lf_recon_config *conf
     model->has_readout = c1 > 0;
     if (model->has_readout)
         lf_vector_neuron_init(store, &model->readout, "readout", kept * c1);
-    lf_mlp_init(store, &model->head, "head", kept * (c0 + c1), config->mlp_widths, config->mlp, 1);
+    return kept * (c0 + c1);
+}
+
+void lf_recon_init(lf_recon *model, lf_store *store, const lf_recon_config *config)
+{
+    *model = (lf_recon){.config = *config, .store = store};
+    lf_backbone_init(store, "backbone", &config->backbone, &model->backbone);
+    model->head_first = lf_store_size(store);
+    const long maps = config->backbone.stages + (config->backbone.stem_map ? 1 : 0);
+    model->feature_count = maps * config->backbone.features + depth_code_size(config) +
+                           (config->sample_image ? config->backbone.in_channels : 0);
+    const long in = init_fusion(model, store, config);
+    lf_mlp_init(store, &model->head, "head", in, config->mlp_widths, config->mlp, 1);
 }
 
 void lf_recon_free(lf_recon *model)
@@ -150,6 +161,12 @@ lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, lf_tensor *seen,
     lf_tensor *ray = seen; /* 5a.3 */
     if (c->depth_octaves)
         ray = lf_concat(tape, 2, (lf_tensor *[]){seen, depth_code(tape, model, rays, distance)});
+    if (c->max_pool) { /* 5a.10 */
+        const lf_field most = {lf_max_views(tape, ray, rays), NULL};
+        if (layers)
+            layers[0] = most;
+        return lf_mlp_apply(tape, &model->head, most.scalar);
+    }
     lf_field point = lf_ray_convolution_apply(tape, &model->convolution, ray, rays); /* 5a.4 */
     lf_field on_rays = {ray, NULL}, kept[LF_RECON_BLOCKS + 1] = {point};
     for (int b = 0; b < c->blocks; b++) { /* 5a.5 */

@@ -5,6 +5,9 @@
  *   -> ray -> point convolution -> blocks of ray update and attention -> (F0, F1) of each
  *   -> vector neuron readout, MLP -> 10 * signed distance                          [Q, 1]
  *
+ * Without vectors the readout is left out; with max_pool all between samples and MLP but a maximum
+ * over the views.                                                              [method.md 5a.10]
+ *
  * A model is its config and pointers into a parameter store. It knows no cameras and no files: what
  * it is given of a point are its projections, unit directions, distances and visibility.
  */
@@ -22,8 +25,9 @@ typedef struct lf_recon_config {
     long image_size;   /* pixels an edge */
     bool sample_image; /* the images are one more map */
     int depth_octaves; /* 0: no depth code; else 1 + 2 * octaves numbers a ray */
+    bool max_pool;     /* no convolution, no blocks: the maximum over the views */
     lf_transformer_config block;
-    int blocks;
+    int blocks; /* 0 with max_pool */
     int mlp_widths;
     long mlp[LF_MLP_MAX];
 } lf_recon_config;
@@ -57,7 +61,8 @@ long lf_recon_sampled(const lf_recon *model);
 
 /* Signed distance times 10 of Q points: seen [Q, V, lf_recon_sampled], distance [Q, V] from camera
  * to point (unit: box diagonal; used by the depth code only). -> [Q, 1]. `layers`, if not NULL,
- * gets the point features after the convolution and each block (blocks + 1 fields). */
+ * gets the point features after the convolution (or the maximum) and each block (blocks + 1
+ * fields). */
 lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, lf_tensor *seen,
                         const lf_ray_geometry *rays, const double *distance, lf_field *layers);
 

@@ -250,21 +250,27 @@ static double block_macs(const lf_transformer_config *c, double views, double ra
     return views * (update + keys + attend) + point;
 }
 
-double lf_recon_macs(const lf_recon *model, long images, long points, long views)
+/* Products of a point between its samples and the MLP: convolution, blocks, readout. */
+static double fusion_macs(const lf_recon *model, double views)
 {
     const lf_recon_config *c = &model->config;
     const double c0 = (double)c->block.scalars, c1 = (double)c->block.vectors;
-    const double f = (double)model->feature_count, v = (double)views;
-    const lf_backbone_cost cost = lf_backbone_macs(&model->backbone, c->image_size, c->image_size);
-    double point = v * 4 * f + f * c0 + 3 * f * c1;
+    const double f = (double)model->feature_count, kept = (double)(c->blocks + 1);
+    if (c->max_pool)
+        return 0;
+    double point = f * c0 + 3 * f * c1;
     for (int b = 0; b < c->blocks; b++)
-        point += block_macs(&c->block, v, b ? c0 : f, b ? c1 : 0);
-    const double kept = (double)(c->blocks + 1);
-    point += 2 * 3 * kept * c1 * kept * c1;
-    double in = kept * (c0 + c1);
-    for (int i = 0; i < c->mlp_widths; i++) {
-        point += in * (double)c->mlp[i];
-        in = (double)c->mlp[i];
-    }
-    return cost.macs * (double)images + (point + in) * (double)points;
+        point += block_macs(&c->block, views, b ? c0 : f, b ? c1 : 0);
+    return point + 2 * 3 * kept * c1 * kept * c1;
+}
+
+double lf_recon_macs(const lf_recon *model, long images, long points, long views)
+{
+    const lf_recon_config *c = &model->config;
+    const double v = (double)views;
+    const lf_backbone_cost cost = lf_backbone_macs(&model->backbone, c->image_size, c->image_size);
+    double point = v * 4 * (double)model->feature_count + fusion_macs(model, v);
+    for (int i = 0; i < model->head.count; i++)
+        point += (double)model->head.layer[i].weight->size;
+    return cost.macs * (double)images + point * (double)points;
 }

@@ -7,6 +7,7 @@
 #include "models/recon.h"
 #include "tests/close.h"
 
+/* `more`, if not NULL: further "key=value", with semicolons between. */
 static inline lf_config *make_config(const char *more)
 {
     static const char *const sets[] = {
@@ -18,8 +19,11 @@ static inline lf_config *make_config(const char *more)
         fail_msg("%s", err.text);
     for (size_t i = 0; i < sizeof sets / sizeof *sets; i++)
         assert_int_equal(lf_config_set(cfg, sets[i], &err), LF_OK);
-    if (more)
-        assert_int_equal(lf_config_set(cfg, more, &err), LF_OK);
+    for (; more; more = strchr(more, ';') ? strchr(more, ';') + 1 : NULL) {
+        char set[128];
+        snprintf(set, sizeof set, "%.*s", (int)strcspn(more, ";"), more);
+        assert_int_equal(lf_config_set(cfg, set, &err), LF_OK);
+    }
     assert_int_equal(lf_config_check(cfg, &err), LF_OK);
     return cfg;
 }

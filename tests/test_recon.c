@@ -111,7 +111,10 @@ static const char *const variants[] = {NULL,
                                        "model.degree2=true",
                                        "model.depth_octaves=3",
                                        "model.backbone=plain",
-                                       "model.norm=instance"};
+                                       "model.norm=instance",
+                                       "model.backbone=plain;model.plain_channels=3",
+                                       "model.fusion=max-pool",
+                                       "model.vectors=0"};
 enum { VARIANTS = sizeof variants / sizeof *variants };
 
 static void moving_the_frame_changes_nothing(void **state)
@@ -172,7 +175,45 @@ static void quarter_turns_of_every_view_change_nothing(void **state)
     (void)state;
     assert_below(defect_of_rolls(NULL), EXACT ? 1e-11 : 1e-5);
     assert_below(defect_of_rolls("model.norm=instance"), EXACT ? 1e-11 : 1e-5);
+    assert_below(defect_of_rolls("model.fusion=max-pool"), EXACT ? 1e-11 : 1e-5);
+    assert_below(defect_of_rolls("model.vectors=0"), EXACT ? 1e-11 : 1e-5);
     assert_true(defect_of_rolls("model.backbone=plain") > 1e-3); /* or the test tests nothing */
+    assert_true(defect_of_rolls("model.backbone=plain;model.plain_channels=3") > 1e-3);
+}
+
+/* What the networks without vectors cannot know: all directions replaced by others. */
+static double defect_of_other_directions(const char *more)
+{
+    net n;
+    open_net(&n, more);
+    scene *s = make_scene();
+    double before[Q], after[Q];
+    distances(&n, s, before);
+    lf_tape *tape = lf_tape_create();
+    lf_projection p = lf_projection_create(Q);
+    lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
+    for (long i = 0; i < Q * V; i++) {
+        lf_stream r = lf_stream_at(12, LF_RANDOM_GROUP, 0, (uint64_t)i);
+        const lf_motion g = lf_motion_random(&r, 0);
+        lf_rotation_apply(g.rotation, p.direction + 3 * i, p.direction + 3 * i);
+    }
+    lf_tape_set_grad(tape, false);
+    const lf_tensor *x = forward(tape, &n.model, s->image, &p, false);
+    for (int q = 0; q < Q; q++)
+        after[q] = (double)x->value[q];
+    lf_projection_free(&p);
+    lf_tape_free(tape);
+    free(s);
+    close_net(&n);
+    return relative_error(after, before, Q);
+}
+
+static void directions_go_in_by_vectors_alone(void **state)
+{
+    (void)state;
+    assert_true(defect_of_other_directions(NULL) > 1e-3);
+    assert_true(defect_of_other_directions("model.fusion=max-pool") == 0);
+    assert_true(defect_of_other_directions("model.vectors=0") == 0);
 }
 
 /* ---- steps ---- */
@@ -291,12 +332,13 @@ static void lanes_add_up_to_one_tape(void **state)
 }
 
 /* Difference of `slope` from the derivative of the mean loss by one parameter: the least over three
- * steps, for a long one runs into the kinks of ReLU and a short one into rounding. */
-static double slope_error(net *n, scene *s, lf_real *x, double slope)
+ * steps, for a long one runs into the kinks of ReLU and a short one into rounding; `enough` ends
+ * the search. */
+static double slope_error(net *n, scene *s, lf_real *x, double slope, double enough)
 {
     const lf_real old = *x;
     double least = INFINITY;
-    for (double h = 1e-5; h > 5e-8; h /= 10) {
+    for (double h = 1e-5; h > 5e-8 && least > enough; h /= 10) {
         *x = old + (lf_real)h;
         const double up = plain_step(n, s, false);
         *x = old - (lf_real)h;
@@ -333,7 +375,8 @@ static double gradient_defect(const char *more)
         const long at = lf_index(&r, p->size);
         if (!p->trainable)
             continue;
-        const double e = slope_error(&n, s, lf_values(p) + at, (double)grad[at]) / size;
+        const double e =
+            slope_error(&n, s, lf_values(p) + at, (double)grad[at], 1e-7 * size) / size;
         worst = e > worst || isnan(e) ? e : worst;
     }
     free_step(&a);
@@ -347,8 +390,14 @@ static void gradient_of_the_whole_model(void **state)
     (void)state;
     if (!EXACT)
         skip();
+    const int most = omp_get_max_threads();
+    omp_set_num_threads(1); /* the work is too small to share */
     assert_below(gradient_defect(NULL), 1e-6);
     assert_below(gradient_defect("model.nonlinearity=gated"), 1e-6);
+    assert_below(gradient_defect("model.backbone=plain;model.plain_channels=3"), 1e-6);
+    assert_below(gradient_defect("model.fusion=max-pool"), 1e-6);
+    assert_below(gradient_defect("model.vectors=0"), 1e-6);
+    omp_set_num_threads(most);
 }
 
 static void a_nonfinite_number_is_found_and_named(void **state)
@@ -489,6 +538,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(moving_the_frame_changes_nothing),
         cmocka_unit_test(quarter_turns_of_every_view_change_nothing),
+        cmocka_unit_test(directions_go_in_by_vectors_alone),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(tiles_change_rounding_only),
         cmocka_unit_test(lanes_add_up_to_one_tape),
