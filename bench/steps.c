@@ -21,7 +21,7 @@ typedef struct step_work {
     long images, points;
     lf_real *image;
     float *sdf;
-    double *uv, *direction, *distance;
+    double *uv, *direction, *distance, *position;
     uint8_t *mask;
     long *first;
 } step_work;
@@ -37,9 +37,10 @@ static void run_step(lf_bench_work *work)
 {
     step_work *s = (step_work *)work;
     const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
-    const lf_recon_points points = {s->points,   VIEWS,   s->uv,   s->direction,
-                                    s->distance, s->mask, s->first};
-    lf_recon_step(s->run, s->images, s->image, &points, s->sdf, &loss);
+    const lf_recon_images images = {s->images, s->image, NULL};
+    const lf_recon_points points = {s->points, VIEWS,    s->uv,       s->direction, s->distance,
+                                    s->mask,   s->first, s->position, s->direction};
+    lf_recon_step(s->run, &images, &points, s->sdf, &loss);
     lf_adam_step(&s->adam, s->store, 1e-4);
     work->memory = (double)lf_recon_work_bytes(s->run) +
                    4.0 * sizeof(lf_real) * (double)lf_store_size(s->store);
@@ -57,6 +58,7 @@ static void close_step(lf_bench_work *work)
     free(s->uv);
     free(s->direction);
     free(s->distance);
+    free(s->position);
     free(s->mask);
     free(s->first);
     free(s);
@@ -79,6 +81,8 @@ static void fill_points(step_work *s, double size)
         s->mask[i] = 1;
     }
     for (long q = 0; q < s->points; q++) {
+        for (int a = 0; a < 3; a++)
+            s->position[3 * q + a] = lf_uniform(&r) - 0.5;
         s->sdf[q] = (float)(0.2 * (lf_uniform(&r) - 0.5));
         s->first[q] = q * s->images / VIEWS / s->points * VIEWS;
     }
@@ -115,6 +119,7 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
     s->uv = room(2 * s->points * VIEWS, sizeof *s->uv);
     s->direction = room(3 * s->points * VIEWS, sizeof *s->direction);
     s->distance = room(s->points * VIEWS, sizeof *s->distance);
+    s->position = room(3 * s->points, sizeof *s->position);
     s->mask = room(s->points * VIEWS, 1);
     s->first = room(s->points, sizeof *s->first);
     fill_points(s, (double)config.image_size);

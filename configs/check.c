@@ -1,6 +1,11 @@
 /* check.c: keys that must fit each other, and values worth a warning. */
 #include "configs/configs.h"
 
+bool lf_config_renders(const lf_config *cfg)
+{
+    return lf_config_is(cfg, "model.type", "renderer") || lf_config_is(cfg, "model.type", "ibrnet");
+}
+
 /* How many pixels of the view lie between two pixels of the last map. */
 static long total_stride(const lf_config *cfg)
 {
@@ -140,7 +145,7 @@ static lf_status check_render(const lf_config *cfg, lf_error *err)
 
 lf_status lf_config_check(const lf_config *cfg, lf_error *err)
 {
-    if (!lf_config_is(cfg, "model.type", "equivariant"))
+    if (lf_config_renders(cfg))
         return check_render(cfg, err);
     LF_TRY(check_backbone(cfg, err));
     LF_TRY(check_sizes(cfg, err));
@@ -192,7 +197,7 @@ static int warn_steps(const lf_config *cfg, FILE *out)
 
 int lf_config_warn(const lf_config *cfg, FILE *out)
 {
-    if (!lf_config_is(cfg, "model.type", "equivariant"))
+    if (lf_config_renders(cfg))
         return warn_steps(cfg, out);
     return warn_views(cfg, out) + warn_steps(cfg, out);
 }

@@ -460,7 +460,7 @@ static lf_status run_model(const arguments *a, lf_error *err)
         LF_TRY(check_report(a->evaluate.json, err));
     LF_TRY(lf_run_find(a->checkpoint, &found, err));
     lf_status status = read_config(a, found.checkpoint, &cfg, err);
-    if (status == LF_OK && lf_config_is(cfg, "model.type", "equivariant")) {
+    if (status == LF_OK && !lf_config_renders(cfg)) {
         lf_config_free(cfg);
         status = run_recon(a, err);
     } else if (status == LF_OK) {

@@ -93,18 +93,24 @@ int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *im
     return c->stages + 1;
 }
 
-int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images,
-                        bool training, lf_tensor *maps[LF_BACKBONE_MAPS])
+int lf_backbone_scalars(lf_tape *tape, const lf_backbone *backbone, lf_tensor *const *inner,
+                        lf_tensor *maps[LF_BACKBONE_MAPS])
 {
     const lf_backbone_config *c = &backbone->config;
-    lf_tensor *inner[LF_BACKBONE_MAPS];
-    lf_backbone_fields(tape, backbone, images, training, inner);
     int count = 0;
     for (int m = c->stem_map ? 0 : 1; m <= c->stages; m++) {
         lf_tensor *x = c->c8 ? lf_group_sum(tape, inner[m], LF_C8) : inner[m];
         maps[count++] = lf_conv_layer_forward(tape, &backbone->head[m], x);
     }
     return count;
+}
+
+int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images,
+                        bool training, lf_tensor *maps[LF_BACKBONE_MAPS])
+{
+    lf_tensor *inner[LF_BACKBONE_MAPS];
+    lf_backbone_fields(tape, backbone, images, training, inner);
+    return lf_backbone_scalars(tape, backbone, inner, maps);
 }
 
 /* ---- cost ------------------------------------------------------------------------------------ */

@@ -55,7 +55,10 @@ void lf_backbone_free(lf_backbone *backbone);
  * the batch's statistics and updates the running ones. */
 int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images, bool training,
                        lf_tensor *maps[LF_BACKBONE_MAPS]);
-/* images -> scalar maps [N, h, w, features], finest first; returns their number. */
+/* Inner maps -> scalar maps [N, h, w, features], finest first; returns their number. */
+int lf_backbone_scalars(lf_tape *tape, const lf_backbone *backbone, lf_tensor *const *inner,
+                        lf_tensor *maps[LF_BACKBONE_MAPS]);
+/* Both: images -> scalar maps. */
 int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images,
                         bool training, lf_tensor *maps[LF_BACKBONE_MAPS]);
 

@@ -37,7 +37,8 @@ static scene *make_scene(void)
 
 static lf_recon_points points_of(const lf_projection *p)
 {
-    return (lf_recon_points){Q, V, p->uv, p->direction, p->distance, p->mask, p->first};
+    return (lf_recon_points){Q,       V,        p->uv,       p->direction, p->distance,
+                             p->mask, p->first, p->position, p->bearing};
 }
 
 static lf_ray_geometry rays_of(lf_tape *tape, const lf_projection *p)
@@ -55,13 +56,12 @@ static lf_ray_geometry rays_of(lf_tape *tape, const lf_projection *p)
 static lf_tensor *forward(lf_tape *tape, const lf_recon *model, lf_real *image,
                           const lf_projection *p, bool training)
 {
-    lf_tensor *maps[LF_BACKBONE_MAPS + 1];
     lf_tensor *x = lf_leaf(tape, 4, LF_DIMS(V, SIZE, SIZE, CHANNELS), image, NULL);
-    const int count = lf_recon_maps(tape, model, x, training, maps);
-    const lf_ray_geometry rays = rays_of(tape, p);
-    lf_tensor *seen =
-        lf_sample_maps(tape, count, maps, SIZE, SIZE, Q, V, p->uv, rays.mask->value, p->first);
-    return lf_recon_sdf(tape, model, seen, &rays, p->distance, NULL);
+    lf_recon_code code;
+    lf_recon_encode_images(tape, model, x, NULL, training, &code);
+    const lf_recon_points points = points_of(p);
+    const lf_recon_inputs in = lf_recon_look(tape, model, &code, &points);
+    return lf_recon_sdf(tape, model, &in, NULL);
 }
 
 static void distances(const net *n, scene *s, double out[Q])
@@ -238,8 +238,9 @@ static stepped step(net *n, scene *s, long tile)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
+    const lf_recon_images images = {V, s->image, NULL};
     lf_recon_work *work = lf_recon_work_create(&n->model, tile);
-    r.loss = lf_recon_step(work, V, s->image, &points, s->sdf, &loss_config);
+    r.loss = lf_recon_step(work, &images, &points, s->sdf, &loss_config);
     assert_true(lf_recon_work_bytes(work) > 0);
     memcpy(r.grad, lf_store_grads(n->store), bytes);
     memcpy(r.values, lf_store_values(n->store), bytes);
@@ -409,12 +410,13 @@ static void a_nonfinite_number_is_found_and_named(void **state)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
+    const lf_recon_images images = {V, s->image, NULL};
     lf_recon_work *work = lf_recon_work_create(&n.model, 16);
     lf_recon_work_check(work, true);
-    lf_recon_step(work, V, s->image, &points, s->sdf, &loss_config);
+    lf_recon_step(work, &images, &points, s->sdf, &loss_config);
     assert_null(lf_recon_nonfinite(work));
     lf_values(lf_store_find(n.store, "block1.query.scalar.weight"))[3] = NAN;
-    lf_recon_step(work, V, s->image, &points, s->sdf, &loss_config);
+    lf_recon_step(work, &images, &points, s->sdf, &loss_config);
     assert_string_equal(lf_recon_nonfinite(work), "forward of linear");
     lf_recon_work_free(work);
     lf_projection_free(&p);
@@ -463,12 +465,13 @@ static void predict_is_the_model(void **state)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
+    const lf_recon_images images = {V, s->image, NULL};
     float first[Q];
     for (long tile = 1; tile <= 64; tile *= 8) {
         lf_recon_work *work = lf_recon_work_create(&n.model, tile);
         float sdf[Q];
         uint8_t valid[Q];
-        lf_recon_encode(work, V, s->image);
+        lf_recon_encode(work, &images);
         lf_recon_predict(work, &points, 10, sdf, valid);
         for (int q = 0; q < Q; q++) {
             bool seen = false;
@@ -502,9 +505,9 @@ static void depth_code(void **state)
     config.sample_image = true;
     config.depth_octaves = 0;
     lf_recon_init(&plain.model, plain.store, &config);
-    assert_int_equal(lf_recon_sampled(&coded.model) + 3, lf_recon_sampled(&plain.model));
+    assert_int_equal(coded.model.feature_count + 3, plain.model.feature_count);
 
-    const long sampled = lf_recon_sampled(&coded.model);
+    const long sampled = coded.model.feature_count;
     scene *s = make_scene();
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
@@ -523,8 +526,10 @@ static void depth_code(void **state)
         row[sampled + 2] = (lf_real)cos(acos(-1) * d);
         assert_true(fabs(d) <= 1);
     }
-    const lf_tensor *x = lf_recon_sdf(tape, &coded.model, a, &rays, p.distance, NULL);
-    const lf_tensor *y = lf_recon_sdf(tape, &plain.model, b, &rays, p.distance, NULL);
+    const lf_recon_points points = points_of(&p);
+    const lf_recon_inputs in_a = {a, NULL, rays, &points}, in_b = {b, NULL, rays, &points};
+    const lf_tensor *x = lf_recon_sdf(tape, &coded.model, &in_a, NULL);
+    const lf_tensor *y = lf_recon_sdf(tape, &plain.model, &in_b, NULL);
     assert_below(relative_error(x->value, y->value, Q), EXACT ? 1e-13 : 1e-5);
     lf_tape_free(tape);
     lf_projection_free(&p);

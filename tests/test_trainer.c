@@ -336,18 +336,18 @@ static void a_batch_is_a_function_of_its_step(void **state)
     lf_error err;
     assert_int_equal(lf_shapes_open(&o, &shapes, &err), LF_OK);
     assert_int_equal(lf_shapes_prepare(shapes, NULL, NULL, &err), LF_OK);
-    lf_batches *a = lf_batches_create(cfg, shapes), *b = lf_batches_create(cfg, shapes);
+    lf_batches *a = lf_batches_create(cfg, NULL, shapes), *b = lf_batches_create(cfg, NULL, shapes);
     assert_int_equal(lf_batches_epoch(a), 2); /* 3 shapes, 2 a step */
     float sdf[20][64];
     for (long s = 0; s < 20; s++)
         memcpy(sdf[s], lf_batches_at(a, s).sdf, sizeof sdf[s]);
     for (long s = 19; s >= 0; s -= 3) { /* backwards, with gaps */
         const lf_batch x = lf_batches_at(a, s), y = lf_batches_at(b, s);
-        assert_int_equal(x.images, 16);
+        assert_int_equal(x.images.count, 16);
         assert_int_equal(x.points.count, 64);
         assert_memory_equal(x.sdf, sdf[s], sizeof sdf[s]);
         assert_memory_equal(y.sdf, sdf[s], sizeof sdf[s]);
-        assert_memory_equal(x.image, y.image, 16 * 33 * 33 * 2 * sizeof *x.image);
+        assert_memory_equal(x.images.pixel, y.images.pixel, 16 * 33 * 33 * 2 * sizeof(lf_real));
         assert_memory_equal(x.points.uv, y.points.uv, 64 * 16 * sizeof(double));
     }
     assert_memory_not_equal(sdf[3], sdf[4], sizeof sdf[3]);

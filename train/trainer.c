@@ -262,10 +262,10 @@ lf_status lf_train(const lf_config *cfg, const lf_train_options *options, lf_err
 
 void lf_task_create(const lf_config *cfg, const lf_task_options *options, lf_task *out)
 {
-    if (lf_config_is(cfg, "model.type", "equivariant"))
-        lf_task_recon(cfg, options, out);
-    else
+    if (lf_config_renders(cfg))
         lf_task_render(cfg, options, out);
+    else
+        lf_task_recon(cfg, options, out);
 }
 
 void lf_task_free(lf_task *task)
