@@ -97,11 +97,6 @@ lf_field lf_nonlinear_apply(lf_tape *tape, const lf_nonlinear *layer, lf_field x
  * 5a.4] */
 lf_field lf_ray_moments(lf_tape *tape, lf_tensor *r, const lf_ray_geometry *rays);
 
-/* The largest of r [Q, V, C] over the views that see the point -> [Q, C]; 0 where none does. For
- * the comparison without convolution and attention.                              [method.md 5a.10]
- */
-lf_tensor *lf_max_views(lf_tape *tape, lf_tensor *r, const lf_ray_geometry *rays);
-
 /* Ray -> point convolution, kernel support d0 = 0: F0 = mean_v W0 r_v, F1 = mean_v sqrt3 (W1 r_v)
  * d_v, computed as linear maps of the moments (the same numbers, V times fewer products). */
 typedef struct lf_ray_convolution {

@@ -115,7 +115,7 @@ static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_input
     if (c->depth_octaves)
         ray = lf_concat(tape, 2, (lf_tensor *[]){in->seen, depth_code(tape, model, in->points)});
     if (c->max_pool) /* 5a.10 */
-        return lf_mlp_apply(tape, &net->head, lf_max_views(tape, ray, rays));
+        return lf_mlp_apply(tape, &net->head, lf_pool_views(tape, ray, rays->mask, LF_POOL_MAX));
     lf_field point = lf_ray_convolution_apply(tape, &net->convolution, ray, rays); /* 5a.4 */
     lf_field on_rays = {ray, NULL}, kept[LF_RECON_LAYERS] = {point};
     for (int b = 0; b < c->blocks; b++) { /* 5a.5 */

@@ -82,21 +82,6 @@ static int ray_moments(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_
     return 2;
 }
 
-static int max_views(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
-{
-    (void)store;
-    const lf_ray_geometry g = geometry(in[1], in[2]);
-    out[0] = lf_max_views(tape, in[0], &g);
-    return 1;
-}
-
-static int max_views_unseen(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
-{
-    for (long v = 0; v < V; v++)
-        in[2]->value[v] = 0; /* the first point is seen by none */
-    return max_views(tape, store, in, out);
-}
-
 static int tfn(lf_tape *tape, lf_tensor *s, lf_tensor *v, lf_tensor *const *rays, bool degree2,
                lf_tensor **out)
 {
@@ -270,12 +255,6 @@ const op_case layer_cases[] = {
     {"vector_relu", vector_relu, {X(5, 3, 4), X(5, 3, 4)}, 2, 0},
     {"inner", inner, {X(5, 3, 4), X(5, 3, 4)}, 2, 0},
     {"ray_moments", ray_moments, {X(Q, V, 5), DIRECTIONS, MASK}, 3, 0},
-    {"max_views", max_views, {FILLED(FILL_DISTINCT, Q, V, 5), DIRECTIONS, MASK}, 3, 0},
-    {"max_views: no view",
-     max_views_unseen,
-     {FILLED(FILL_DISTINCT, Q, V, 5), DIRECTIONS, MASK},
-     3,
-     0},
     {"tfn_paths", tfn_paths, {X(Q, V, 4), X(Q, V, 3, 2), DIRECTIONS, MASK}, 4, 0},
     {"tfn_paths: J = 2", tfn_paths2, {X(Q, V, 4), X(Q, V, 3, 2), DIRECTIONS, MASK}, 4, 0},
     {"tfn_paths: scalars only", tfn_scalars, {X(Q, V, 4), DIRECTIONS, MASK}, 3, 0},
