@@ -149,7 +149,7 @@ static void published_numbers(void **state)
                 size += fabs((double)y.gradient[i]);
             assert_close(size, 24.8440258366, 1e-4, 0);
             assert_close(lf_grads(net.sharpness)[0], 0.000559769055134, 1e-3, 0);
-            assert_close(lf_grads(net.base[0].weight)[0], 0.0640097354409, 1e-4, 0);
+            assert_close(lf_grads(net.views.base[0].weight)[0], 0.0640097354409, 1e-4, 0);
             assert_close(lf_grads(net.query.weight)[0], 0.0335314770999, 1e-3, 0);
         }
         lf_store_free(store);
