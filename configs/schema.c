@@ -33,8 +33,8 @@
 
 /* clang-format off */
 const lf_key lf_schema[] = {
-    CHOICE("model.type", "equivariant", "equivariant|renderer|ibrnet",
-           "The system: equivariant reconstruction, the equivariant renderer, or IBRNet."),
+    CHOICE("model.type", "equivariant", "equivariant|ibrnet-sdf|renderer|ibrnet",
+           "The system: equivariant reconstruction, IBRNet's views to distances, the equivariant renderer, or IBRNet."),
     CHOICE("model.backbone", "c8", "c8|plain",
            "Features of the views: equivariant to eighth turns, or ordinary convolutions of equal size."),
     INT("model.plain_channels", "8", 1, 64,
@@ -63,6 +63,7 @@ const lf_key lf_schema[] = {
     BOOL("model.degree2", "false", "The degree-2 path from vectors to vectors in the SE(3) kernels."),
     CHOICE("model.nonlinearity", "norm", "norm|gated", "Nonlinearity of vectors in the head."),
     CHOICE("model.skip", "identity", "identity|linear", "The residual path around attention."),
+    INT("model.width", "16", 1, 256, "ibrnet-sdf: numbers of a point behind the aggregation over its views."),
     INTS("model.mlp", "64, 64", 1, 4096, "Widths of the hidden layers of the last MLP."),
 
     INTS("render.types", "0, 2, 4, 8, 16, 32, 64, 128", 0, 1024,

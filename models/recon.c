@@ -1,9 +1,10 @@
 /* recon.c: what all reconstruction models have in common. See recon.h.            [method.md 5a.2,
  * 5a.3] */
 #include "models/recon.h"
+#include "models/ibrnet_sdf.h"
 #include "models/recon_equivariant.h"
 
-static const lf_recon_network *const networks[] = {&lf_recon_equivariant};
+static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_recon_ibrnet};
 enum { NETWORKS = sizeof networks / sizeof *networks };
 
 /* ---- config ---- */

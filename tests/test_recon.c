@@ -127,6 +127,75 @@ static void moving_the_frame_changes_nothing(void **state)
     assert_below(worst_of_motions(NULL, 1e6, 3), EXACT ? 1e-6 : 1e-4);
 }
 
+/* IBRNet is told directions in the object's frame: it knows neither where that is nor, if the
+ * object turns with the cameras, how it is turned; but which way it is turned to them it does know.
+ */
+static double ibrnet_under(const char *more, bool rotate, bool object_too)
+{
+    net n;
+    open_net(&n, more);
+    scene *s = make_scene(), *moved = make_scene();
+    double before[Q], after[Q], least = INFINITY, worst = 0;
+    distances(&n, s, before);
+    for (int i = 0; i < 3; i++) {
+        lf_stream r = lf_stream_at(1, LF_RANDOM_GROUP, (uint64_t)i, 0);
+        lf_motion g = lf_motion_random(&r, object_too ? 0 : 1000);
+        if (!rotate)
+            lf_rotation_identity(g.rotation);
+        for (int v = 0; v < V; v++)
+            moved->views.camera[v] = lf_camera_move(&s->views.camera[v], &g);
+        for (int q = 0; q < Q && !object_too; q++)
+            lf_motion_apply(&g, s->point[q], moved->point[q]);
+        if (object_too)
+            memcpy(moved->views.object, g.rotation, sizeof g.rotation);
+        distances(&n, moved, after);
+        least = fmin(least, relative_error(after, before, Q));
+        worst = larger(worst, relative_error(after, before, Q));
+    }
+    free(s);
+    free(moved);
+    close_net(&n);
+    return rotate && !object_too ? least : worst;
+}
+
+static void ibrnet_knows_the_frame_of_the_object(void **state)
+{
+    (void)state;
+    static const char *const kinds[] = {"model.type=ibrnet-sdf",
+                                        "model.type=ibrnet-sdf;model.backbone=plain"};
+    for (int i = 0; i < 2; i++) {
+        assert_below(ibrnet_under(kinds[i], false, false), EXACT ? 1e-9 : 1e-4);
+        assert_below(ibrnet_under(kinds[i], true, true), EXACT ? 1e-9 : 1e-4);
+        assert_true(ibrnet_under(kinds[i], true, false) > 1e-3);
+    }
+}
+
+/* The same views in another order. */
+static void the_order_of_the_views_is_nothing(void **state)
+{
+    (void)state;
+    static const char *const kinds[] = {NULL, "model.fusion=max-pool", "model.vectors=0",
+                                        "model.type=ibrnet-sdf"};
+    enum { N = PIXELS / V };
+    for (int i = 0; i < 4; i++) {
+        net n;
+        open_net(&n, kinds[i]);
+        scene *s = make_scene(), *other = make_scene();
+        double before[Q], after[Q];
+        for (int v = 0; v < V; v++) {
+            const int from = (3 * v + 5) % V;
+            other->views.camera[v] = s->views.camera[from];
+            memcpy(other->image + v * N, s->image + from * N, N * sizeof *s->image);
+        }
+        distances(&n, s, before);
+        distances(&n, other, after);
+        assert_below(relative_error(after, before, Q), EXACT ? 1e-12 : 1e-5);
+        free(s);
+        free(other);
+        close_net(&n);
+    }
+}
+
 /* Camera v rolled by quarters[v] * 90 degrees, its image turned to match: a pixel of the rolled
  * camera at (column, row) was at (size - 1 - row, column), a quarter ago. */
 static void roll(scene *s, const int quarters[V])
@@ -177,6 +246,8 @@ static void quarter_turns_of_every_view_change_nothing(void **state)
     assert_below(defect_of_rolls("model.norm=instance"), EXACT ? 1e-11 : 1e-5);
     assert_below(defect_of_rolls("model.fusion=max-pool"), EXACT ? 1e-11 : 1e-5);
     assert_below(defect_of_rolls("model.vectors=0"), EXACT ? 1e-11 : 1e-5);
+    assert_below(defect_of_rolls("model.type=ibrnet-sdf"), EXACT ? 1e-11 : 1e-5);
+    assert_true(defect_of_rolls("model.type=ibrnet-sdf;model.backbone=plain") > 1e-3);
     assert_true(defect_of_rolls("model.backbone=plain") > 1e-3); /* or the test tests nothing */
     assert_true(defect_of_rolls("model.backbone=plain;model.plain_channels=3") > 1e-3);
 }
@@ -196,6 +267,7 @@ static double defect_of_other_directions(const char *more)
         lf_stream r = lf_stream_at(12, LF_RANDOM_GROUP, 0, (uint64_t)i);
         const lf_motion g = lf_motion_random(&r, 0);
         lf_rotation_apply(g.rotation, p.direction + 3 * i, p.direction + 3 * i);
+        lf_rotation_apply(g.rotation, p.bearing + 3 * i, p.bearing + 3 * i);
     }
     lf_tape_set_grad(tape, false);
     const lf_tensor *x = forward(tape, &n.model, s->image, &p, false);
@@ -212,6 +284,7 @@ static void directions_go_in_by_vectors_alone(void **state)
 {
     (void)state;
     assert_true(defect_of_other_directions(NULL) > 1e-3);
+    assert_true(defect_of_other_directions("model.type=ibrnet-sdf") > 1e-3);
     assert_true(defect_of_other_directions("model.fusion=max-pool") == 0);
     assert_true(defect_of_other_directions("model.vectors=0") == 0);
 }
@@ -398,6 +471,8 @@ static void gradient_of_the_whole_model(void **state)
     assert_below(gradient_defect("model.backbone=plain;model.plain_channels=3"), 1e-6);
     assert_below(gradient_defect("model.fusion=max-pool"), 1e-6);
     assert_below(gradient_defect("model.vectors=0"), 1e-6);
+    assert_below(gradient_defect("model.type=ibrnet-sdf"), 1e-6);
+    assert_below(gradient_defect("model.type=ibrnet-sdf;model.backbone=plain"), 1e-6);
     omp_set_num_threads(most);
 }
 
@@ -544,6 +619,8 @@ int main(void)
         cmocka_unit_test(moving_the_frame_changes_nothing),
         cmocka_unit_test(quarter_turns_of_every_view_change_nothing),
         cmocka_unit_test(directions_go_in_by_vectors_alone),
+        cmocka_unit_test(ibrnet_knows_the_frame_of_the_object),
+        cmocka_unit_test(the_order_of_the_views_is_nothing),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(tiles_change_rounding_only),
         cmocka_unit_test(lanes_add_up_to_one_tape),
