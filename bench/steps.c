@@ -37,7 +37,7 @@ static void run_step(lf_bench_work *work)
 {
     step_work *s = (step_work *)work;
     const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
-    const lf_recon_images images = {s->images, s->image, NULL};
+    const lf_recon_images images = {s->images, VIEWS, s->image, NULL};
     const lf_recon_points points = {s->points, VIEWS,    s->uv,       s->direction, s->distance,
                                     s->mask,   s->first, s->position, s->direction};
     lf_recon_step(s->run, &images, &points, s->sdf, &loss);

@@ -41,9 +41,10 @@ static lf_status check_backbone(const lf_config *cfg, lf_error *err)
 static lf_status check_sizes(const lf_config *cfg, lf_error *err)
 {
     enum { MAPS = 8, WIDTHS = 7 };
-    int stages, widths;
+    int stages, widths, points;
     const long *fields = lf_config_ints(cfg, "model.fields", &stages);
     lf_config_ints(cfg, "model.mlp", &widths);
+    lf_config_ints(cfg, "model.point", &points);
     const int maps = stages + lf_config_bool(cfg, "model.stem_features") +
                      lf_config_bool(cfg, "model.sample_image");
     if (maps > MAPS)
@@ -54,6 +55,9 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
     if (widths > WIDTHS)
         return lf_fail(err, LF_BAD_INPUT, "model.mlp has %d numbers: allowed are %d", widths,
                        WIDTHS);
+    if (points > WIDTHS)
+        return lf_fail(err, LF_BAD_INPUT, "model.point has %d numbers: allowed are %d", points,
+                       WIDTHS);
     for (int s = 0; s < stages && lf_config_is(cfg, "model.block", "bottleneck"); s++)
         if (fields[s] % 4)
             return lf_fail(
@@ -61,6 +65,23 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
                 "model.fields has %ld: with model.block = bottleneck, whose inside has a "
                 "quarter of the fields, allowed are multiples of 4",
                 fields[s]);
+    return LF_OK;
+}
+
+static lf_status check_volume(const lf_config *cfg, lf_error *err)
+{
+    enum { LEVELS = 8 };
+    int levels;
+    lf_config_ints(cfg, "model.volume", &levels);
+    if (levels > LEVELS)
+        return lf_fail(err, LF_BAD_INPUT, "model.volume has %d numbers: allowed are %d", levels,
+                       LEVELS);
+    const long grid = lf_config_int(cfg, "model.grid"), stride = 1L << (levels - 1);
+    if ((grid - 1) % stride)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "model.grid = %ld: with %d levels in model.volume, allowed is a multiple of "
+                       "%ld, plus 1",
+                       grid, levels, stride);
     return LF_OK;
 }
 
@@ -149,7 +170,10 @@ lf_status lf_config_check(const lf_config *cfg, lf_error *err)
         return check_render(cfg, err);
     LF_TRY(check_backbone(cfg, err));
     LF_TRY(check_sizes(cfg, err));
-    LF_TRY(check_fusion(cfg, err));
+    if (lf_config_is(cfg, "model.type", "equivariant"))
+        LF_TRY(check_fusion(cfg, err));
+    if (lf_config_is(cfg, "model.type", "fvor"))
+        LF_TRY(check_volume(cfg, err));
     LF_TRY(check_data(cfg, err));
     return check_grid(cfg, err);
 }

@@ -33,8 +33,8 @@
 
 /* clang-format off */
 const lf_key lf_schema[] = {
-    CHOICE("model.type", "equivariant", "equivariant|ibrnet-sdf|renderer|ibrnet",
-           "The system: equivariant reconstruction, IBRNet's views to distances, the equivariant renderer, or IBRNet."),
+    CHOICE("model.type", "equivariant", "equivariant|disn|fvor|ibrnet-sdf|renderer|ibrnet",
+           "The system: equivariant reconstruction, DISN, FvOR or IBRNet to distances (these are told positions or directions in the object's frame); the equivariant renderer, or IBRNet."),
     CHOICE("model.backbone", "c8", "c8|plain",
            "Features of the views: equivariant to eighth turns, or ordinary convolutions of equal size."),
     INT("model.plain_channels", "8", 1, 64,
@@ -64,7 +64,11 @@ const lf_key lf_schema[] = {
     CHOICE("model.nonlinearity", "norm", "norm|gated", "Nonlinearity of vectors in the head."),
     CHOICE("model.skip", "identity", "identity|linear", "The residual path around attention."),
     INT("model.width", "16", 1, 256, "ibrnet-sdf: numbers of a point behind the aggregation over its views."),
-    INTS("model.mlp", "64, 64", 1, 4096, "Widths of the hidden layers of the last MLP."),
+    INTS("model.mlp", "64, 64", 1, 4096, "Widths of the hidden layers of the last MLP (disn: of both)."),
+    INTS("model.point", "16, 32, 64", 1, 4096, "disn: widths of the layers on the position of a point, for each stream."),
+    INT("model.grid", "17", 3, 257, "fvor: voxels along an edge of the feature volume; 2^(levels - 1) m + 1."),
+    INTS("model.volume", "1, 2, 2", 1, 256, "fvor: fields (of 8 channels) of each level of the volume's U-Net, finest first."),
+    INT("model.global", "64", 1, 4096, "disn: numbers of the whole object, for the global stream."),
 
     INTS("render.types", "0, 2, 4, 8, 16, 32, 64, 128", 0, 1024,
          "renderer: angular types omega of the fields along a ray; 0, then rising."),

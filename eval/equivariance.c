@@ -90,7 +90,7 @@ static probe run_model(const lf_recon *model, const uint8_t *images, const lf_sh
     lf_seen_grid grid = lf_seen_grid_create(model, 1);
     lf_seen_grid_fill(&grid, 0, views, 0);
     lf_recon_code code;
-    lf_recon_encode_images(tape, model, image_tensor(tape, model, images),
+    lf_recon_encode_images(tape, model, image_tensor(tape, model, images), V,
                            lf_seen_grid_points(&grid), false, &code);
     const lf_recon_points points = lf_seen_points(projection, POINTS);
     const lf_recon_inputs in = lf_recon_look(tape, model, &code, &points);

@@ -64,7 +64,7 @@ void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
     free(pixels);
     lf_seen_grid grid = lf_seen_grid_create(&l->model, 1);
     lf_seen_grid_fill(&grid, 0, views, 0);
-    const lf_recon_images images = {V, l->image, lf_seen_grid_points(&grid)};
+    const lf_recon_images images = {V, V, l->image, lf_seen_grid_points(&grid)};
     lf_recon_encode(l->work, &images);
     lf_seen_grid_free(&grid);
 }

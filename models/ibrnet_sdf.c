@@ -59,10 +59,8 @@ static void cost(const lf_recon *model, long views, lf_recon_cost *cost)
 {
     const ibrnet_sdf *net = model->net;
     cost->point += (double)views * lf_ibrnet_view_macs(&net->views);
-    cost->point += lf_ibrnet_point_macs(&net->views);
-    for (int i = 0; i < net->head.count; i++)
-        cost->point += (double)net->head.layer[i].weight->size;
+    cost->point += lf_ibrnet_point_macs(&net->views) + lf_mlp_macs(&net->head);
 }
 
-const lf_recon_network lf_recon_ibrnet = {
+const lf_recon_network lf_ibrnet_sdf = {
     .type = "ibrnet-sdf", .configure = configure, .init = init, .sdf = sdf, .cost = cost};

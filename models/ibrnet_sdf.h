@@ -17,6 +17,6 @@
 #include "models/recon.h"
 
 /* model.type = ibrnet-sdf. */
-extern const lf_recon_network lf_recon_ibrnet;
+extern const lf_recon_network lf_ibrnet_sdf;
 
 #endif

@@ -1,10 +1,12 @@
 /* recon.c: what all reconstruction models have in common. See recon.h.            [method.md 5a.2,
  * 5a.3] */
-#include "models/recon.h"
+#include "models/disn.h"
+#include "models/fvor.h"
 #include "models/ibrnet_sdf.h"
 #include "models/recon_equivariant.h"
 
-static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_recon_ibrnet};
+static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_disn, &lf_fvor,
+                                                   &lf_ibrnet_sdf};
 enum { NETWORKS = sizeof networks / sizeof *networks };
 
 /* ---- config ---- */
@@ -103,12 +105,14 @@ void lf_recon_grid(const lf_recon *model, double (*point)[3])
 
 /* ---- images ---- */
 
-void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images,
+void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images, long views,
                             const lf_recon_points *grid, bool training, lf_recon_code *code)
 {
     const lf_recon_network *network = model->config.network;
     lf_tensor *view = network->view ? network->view(tape, model, images) : images;
-    *code = (lf_recon_code){0};
+    LF_REQUIRE(views >= 1 && images->dim[0] % views == 0, "%ld images of objects in %ld views",
+               images->dim[0], views);
+    *code = (lf_recon_code){.views = views};
     code->inner_maps = lf_backbone_fields(tape, &model->backbone, view, training, code->inner);
     code->maps = lf_backbone_scalars(tape, &model->backbone, code->inner, code->map);
     if (model->config.sample_image)
@@ -143,6 +147,14 @@ lf_recon_inputs lf_recon_look(lf_tape *tape, const lf_recon *model, const lf_rec
     if (network->recall)
         in.known = network->recall(tape, model, code->object, points);
     return in;
+}
+
+const long *lf_recon_objects(lf_tape *tape, const lf_recon_points *points)
+{
+    long *object = lf_alloc(tape, (size_t)points->count * sizeof *object);
+    for (long q = 0; q < points->count; q++)
+        object[q] = points->first[q] / points->views;
+    return object;
 }
 
 lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,

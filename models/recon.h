@@ -12,7 +12,7 @@
 
 #include "models/recon_network.h"
 
-enum { LF_RECON_BLOCKS = 6, LF_RECON_LAYERS = LF_RECON_BLOCKS + 1 };
+enum { LF_RECON_BLOCKS = 6, LF_RECON_LAYERS = LF_RECON_BLOCKS + 1, LF_FVOR_LEVELS = 8 };
 
 struct lf_recon_config {
     const lf_recon_network *network;
@@ -27,6 +27,17 @@ struct lf_recon_config {
     bool max_pool;     /* no convolution, no blocks: the maximum over the views */
     lf_transformer_config block;
     int blocks;
+    /* disn */
+    struct {
+        int point_widths;
+        long point[LF_MLP_MAX]; /* widths of the MLP on positions */
+        long global;            /* numbers of an object */
+    } disn;
+    /* fvor */
+    struct {
+        int levels, fields[LF_FVOR_LEVELS]; /* of the volume's U-Net, 8 channels each */
+        long grid;                          /* voxels along an edge */
+    } fvor;
 };
 
 /* The [model] and [data] keys of a config. */
@@ -54,9 +65,9 @@ void lf_recon_backbone_init(lf_recon *model, int more_channels);
  * of edge 1 at the origin, corners included. */
 void lf_recon_grid(const lf_recon *model, double (*point)[3]);
 
-/* Maps (and objects) of images [N, H, W, C]; `grid` as in lf_recon_network, NULL where there is no
- * grid. The code's tensors are the tape's. */
-void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images,
+/* Maps (and objects) of images [N, H, W, C], `views` in a row of each object; `grid` as in
+ * lf_recon_network, NULL where there is no grid. The code's tensors are the tape's. */
+void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images, long views,
                             const lf_recon_points *grid, bool training, lf_recon_code *code);
 /* What the images show of the points, and what is known of their objects there, on `tape`. The
  * arrays of `points` are used until the backward is done. */
@@ -66,6 +77,9 @@ lf_recon_inputs lf_recon_look(lf_tape *tape, const lf_recon *model, const lf_rec
  * inside the network, model->layers of them. */
 lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,
                         lf_field *layers);
+
+/* For a network's recall: the number of each point's object, [Q] on the tape. */
+const long *lf_recon_objects(lf_tape *tape, const lf_recon_points *points);
 
 lf_recon_cost lf_recon_costs(const lf_recon *model, long views);
 

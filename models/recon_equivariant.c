@@ -155,8 +155,7 @@ static void cost(const lf_recon *model, long views, lf_recon_cost *cost)
     const equivariant *net = model->net;
     if (!c->max_pool)
         cost->point += fusion_macs(c, (double)net->inputs, (double)views);
-    for (int i = 0; i < net->head.count; i++)
-        cost->point += (double)net->head.layer[i].weight->size;
+    cost->point += lf_mlp_macs(&net->head);
 }
 
 const lf_recon_network lf_recon_equivariant = {

@@ -45,6 +45,7 @@ static inline lf_recon_points lf_recon_slice(const lf_recon_points *p, long from
 
 /* What is computed once of all images: maps to sample, and what a network makes of them. */
 typedef struct lf_recon_code {
+    long views; /* of an object, in a row */
     int inner_maps, maps;
     lf_tensor *inner[LF_BACKBONE_MAPS];   /* the backbone's, before scalars are taken */
     lf_tensor *map[LF_BACKBONE_MAPS + 1]; /* scalar maps, the images last if they are sampled */

@@ -98,8 +98,8 @@ static void encode(lf_recon_work *work, const lf_recon_images *images, bool trai
 {
     lf_tape_reset(work->features);
     lf_tape_set_grad(work->features, training);
-    lf_recon_encode_images(work->features, work->model, image_leaf(work, images), images->grid,
-                           training, &work->code);
+    lf_recon_encode_images(work->features, work->model, image_leaf(work, images), images->views,
+                           images->grid, training, &work->code);
 }
 
 /* ---- training ---- */

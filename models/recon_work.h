@@ -15,6 +15,7 @@ enum { LF_RECON_LANES = 8 };
 /* The images of a step or of an object. */
 typedef struct lf_recon_images {
     long count;
+    long views;           /* of an object, which are in a row; they divide count */
     const lf_real *pixel; /* [count, H, W, C], read only */
     /* How the views see the points of the network's grid, one object after the other; NULL for a
      * network without one. */

@@ -58,7 +58,7 @@ static lf_tensor *forward(lf_tape *tape, const lf_recon *model, lf_real *image,
 {
     lf_tensor *x = lf_leaf(tape, 4, LF_DIMS(V, SIZE, SIZE, CHANNELS), image, NULL);
     lf_recon_code code;
-    lf_recon_encode_images(tape, model, x, NULL, training, &code);
+    lf_recon_encode_images(tape, model, x, V, NULL, training, &code);
     const lf_recon_points points = points_of(p);
     const lf_recon_inputs in = lf_recon_look(tape, model, &code, &points);
     return lf_recon_sdf(tape, model, &in, NULL);
@@ -311,7 +311,7 @@ static stepped step(net *n, scene *s, long tile)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
-    const lf_recon_images images = {V, s->image, NULL};
+    const lf_recon_images images = {V, V, s->image, NULL};
     lf_recon_work *work = lf_recon_work_create(&n->model, tile);
     r.loss = lf_recon_step(work, &images, &points, s->sdf, &loss_config);
     assert_true(lf_recon_work_bytes(work) > 0);
@@ -485,7 +485,7 @@ static void a_nonfinite_number_is_found_and_named(void **state)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
-    const lf_recon_images images = {V, s->image, NULL};
+    const lf_recon_images images = {V, V, s->image, NULL};
     lf_recon_work *work = lf_recon_work_create(&n.model, 16);
     lf_recon_work_check(work, true);
     lf_recon_step(work, &images, &points, s->sdf, &loss_config);
@@ -540,7 +540,7 @@ static void predict_is_the_model(void **state)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
-    const lf_recon_images images = {V, s->image, NULL};
+    const lf_recon_images images = {V, V, s->image, NULL};
     float first[Q];
     for (long tile = 1; tile <= 64; tile *= 8) {
         lf_recon_work *work = lf_recon_work_create(&n.model, tile);

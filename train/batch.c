@@ -131,6 +131,6 @@ lf_batch lf_batches_at(lf_batches *b, long step)
                            (const double(*)[3])b->point, views, slot * V);
         lf_seen_grid_fill(&b->grid, slot, views, slot * V);
     }
-    const lf_recon_images images = {b->per_step * V, b->image, lf_seen_grid_points(&b->grid)};
+    const lf_recon_images images = {b->per_step * V, V, b->image, lf_seen_grid_points(&b->grid)};
     return (lf_batch){images, lf_seen_points(&b->projection, b->per_step * b->points), b->sdf};
 }

@@ -69,7 +69,7 @@ lf_agreement lf_validate_shapes(lf_recon_work *work, const lf_recon *model, cons
         for (long i = 0; i < numbers; i++)
             image[i] = (lf_real)pixels[i];
         lf_seen_grid_fill(&grid, 0, lf_shapes_views(shapes, s, 0), 0);
-        const lf_recon_images images = {V, image, lf_seen_grid_points(&grid)};
+        const lf_recon_images images = {V, V, image, lf_seen_grid_points(&grid)};
         lf_recon_encode(work, &images);
         const overlap a = validate_shape(work, cfg, shapes, s, &projection);
         v.loss += a.loss / (double)count;
