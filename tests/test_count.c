@@ -127,13 +127,13 @@ static void ablations_have_as_many_parameters(void **state)
                                         "model.stem_fields=9", "model.fields=9, 18, 36", NULL};
     const double full = (double)parameters("reconstruct-tiny", NULL);
     static const char *const names[] = {"ablation-plain", "ablation-max-pool", "ablation-scalars",
-                                        "ibrnet-sdf"};
+                                        "reconstruct-ibrnet"};
     for (int i = 0; i < 4; i++) {
         const double n = (double)parameters(names[i], NULL);
         if (fabs(n - full) > 0.03 * full)
             fail_msg("%s has %g parameters, reconstruct-tiny %g", names[i], n, full);
     }
-    const double n = (double)parameters("ibrnet-sdf", plain);
+    const double n = (double)parameters("reconstruct-ibrnet", plain);
     assert_true(fabs(n - full) <= 0.03 * full);
 }
 
