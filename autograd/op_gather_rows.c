@@ -1,4 +1,4 @@
-/* op_gather_rows.c: rows by number.                                                [method.md 5c.1]
+/* op_gather_rows.c: rows by number.                                                [method.md 5d.1]
  *
  *   forward    y[q] = x[row_q]
  *   backward   dx[s] += sum over q with row_q = s of dy[q], in the order of q

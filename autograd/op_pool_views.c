@@ -1,4 +1,4 @@
-/* op_pool_views.c: one row of the rows that several views (or pixels) give.        [method.md 5c.1]
+/* op_pool_views.c: one row of the rows that several views (or pixels) give.        [method.md 5d.1]
  *
  *   mean   y[q, c] = (1 / n_q) sum_v k[q, v] x[q, v, c],  n_q = max(1, sum_v k[q, v])
  *   max    y[q, c] = largest x[q, v, c] of the views with k[q, v] > 0

@@ -1,5 +1,5 @@
 /* op_volume.c: feature volumes: slices beside each other for 3-D convolutions, trilinear samples.
- *                                                                                  [method.md 5c.2]
+ *                                                                                  [method.md 5d.2]
  *   slices   y[n, i, .., 3 channels] = [x[n, s i - 1] | x[n, s i] | x[n, s i + 1]], zero outside:
  *            a 3x3 convolution of y is a 3x3x3 convolution of x with zero padding 1, stride s along
  * D sample   z[q] = sum over 8 voxels t of w_t x[n_q][t], trilinear at (x, y, z) of p_q, corners at

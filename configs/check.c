@@ -41,10 +41,9 @@ static lf_status check_backbone(const lf_config *cfg, lf_error *err)
 static lf_status check_sizes(const lf_config *cfg, lf_error *err)
 {
     enum { MAPS = 8, WIDTHS = 7 };
-    int stages, widths, points;
+    int stages, widths;
     const long *fields = lf_config_ints(cfg, "model.fields", &stages);
     lf_config_ints(cfg, "model.mlp", &widths);
-    lf_config_ints(cfg, "model.point", &points);
     const int maps = stages + lf_config_bool(cfg, "model.stem_features") +
                      lf_config_bool(cfg, "model.sample_image");
     if (maps > MAPS)
@@ -54,9 +53,6 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
                        stages, maps, MAPS);
     if (widths > WIDTHS)
         return lf_fail(err, LF_BAD_INPUT, "model.mlp has %d numbers: allowed are %d", widths,
-                       WIDTHS);
-    if (points > WIDTHS)
-        return lf_fail(err, LF_BAD_INPUT, "model.point has %d numbers: allowed are %d", points,
                        WIDTHS);
     for (int s = 0; s < stages && lf_config_is(cfg, "model.block", "bottleneck"); s++)
         if (fields[s] % 4)
@@ -70,12 +66,8 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
 
 static lf_status check_volume(const lf_config *cfg, lf_error *err)
 {
-    enum { LEVELS = 8 };
     int levels;
     lf_config_ints(cfg, "model.volume", &levels);
-    if (levels > LEVELS)
-        return lf_fail(err, LF_BAD_INPUT, "model.volume has %d numbers: allowed are %d", levels,
-                       LEVELS);
     const long grid = lf_config_int(cfg, "model.grid"), stride = 1L << (levels - 1);
     if ((grid - 1) % stride)
         return lf_fail(err, LF_BAD_INPUT,

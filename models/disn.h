@@ -1,5 +1,5 @@
 /* disn.h: DISN with given poses, over several views: a compared system.             [method.md
- * 5c.1]
+ * 5d.1]
  *
  *   images -> backbone -> scalar maps of every level; global numbers of each image: mean of the
  * last level, linear, ReLU; largest over the views                           [objects, G] local

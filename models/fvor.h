@@ -1,5 +1,5 @@
 /* fvor.h: FvOR's shape module with given poses: a compared system.                  [method.md
- * 5c.2]
+ * 5d.2]
  *
  *   images and the coordinates of their pixels -> backbone -> scalar maps
  *   volume    over the cube of edge 1 at the origin, n^3 voxels: mean over the views of the samples

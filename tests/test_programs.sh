@@ -193,6 +193,27 @@ expect 0 'passed over' "$eval" --checkpoint damaged --shapes 1
 expect 0 'passed over' "$train" --resume damaged
 $same "$(checkpoint damaged 6)" "$good" >out || fail "a run resumed over a damaged checkpoint ends otherwise"
 
+### The compared systems
+
+for type in disn fvor; do
+    other=$([ $type = disn ] && echo fvor || echo disn)
+    expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out $type --set model.type=$type --set model.backbone=plain \
+        --set model.grid=9
+    expect 0 "reconstruction $type" "$eval" --checkpoint $type --setting SO3 --json $type.json --out $type.meshes
+    grep -q "\"model\": \"$type\"" $type.json || fail "the report does not name $type: $(cat $type.json)"
+    expect 0 'features of the object' "$eval" --checkpoint $type --check-equivariance 1 --shapes 1
+    for wrong in $other equivariant; do
+        expect 2 "$type/checkpoints/step-00000006.safetensors.*another model" "$eval" --checkpoint $type \
+            --set model.type=$wrong
+        expect 2 'another model|no array|shape' "$train" --resume $type --out other --set model.type=$wrong
+    done
+    [ -e other ] && fail "a checkpoint of another system leaves a run folder"
+done
+expect 2 'model\.grid = 8: .*multiple of 4, plus 1' "$train" tiny.ini --out none --set model.type=fvor --set model.grid=8
+expect 2 'would keep at least .* model\.grid' "$train" tiny.ini --out none --set model.type=fvor --set model.grid=257 \
+    --set train.shapes_per_step=64
+expect 0 'step 1' "$train" tiny.ini --out long --set model.type=disn --set model.point=1,1,1,1,1,1,1,1 --set train.steps=1
+
 ### Data
 
 mkdir -p data/things/a data/things/b data/listless data/half

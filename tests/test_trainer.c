@@ -305,6 +305,29 @@ static void threads_do_not_change_a_bit(void **state)
 }
 
 /* Later epochs take other draws of the views; a resumed run takes the same ones. */
+/* DISN and FvOR: gone on from the middle, on other numbers of threads. */
+static void compared_systems_end_the_same(void **state)
+{
+    (void)state;
+    static const char *const types[] = {"model.type=disn", "model.type=fvor"};
+    const int most = omp_get_max_threads();
+    for (int i = 0; i < 2; i++) {
+        const char *const name[] = {types[i] + 11, i ? "fvor-on" : "disn-on"};
+        omp_set_num_threads(1);
+        train_well(name[0],
+                   SETS(types[i], "model.backbone=plain", "model.grid=5", "model.volume=1, 1",
+                        "data.setting=Y", "train.steps=10", "train.val_every=10"),
+                   (lf_train_options){.out = NULL});
+        char *path = checkpoint(name[0], 7);
+        omp_set_num_threads(3);
+        resume(path, name[1], true);
+        assert_same_end(name[0], name[1], 10);
+        assert_same_metrics(name[0], name[1], 7);
+        free(path);
+    }
+    omp_set_num_threads(most);
+}
+
 static void draws_of_the_settings_repeat(void **state)
 {
     (void)state;
@@ -557,6 +580,7 @@ int main(void)
         cmocka_unit_test(going_on_from_a_checkpoint_ends_the_same),
         cmocka_unit_test(stopped_and_resumed_ends_the_same),
         cmocka_unit_test(threads_do_not_change_a_bit),
+        cmocka_unit_test(compared_systems_end_the_same),
         cmocka_unit_test(draws_of_the_settings_repeat),
         cmocka_unit_test(a_batch_is_a_function_of_its_step),
         cmocka_unit_test(overfit_learns_one_batch),

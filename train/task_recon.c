@@ -174,7 +174,7 @@ static lf_status check_memory(void *self, lf_error *err)
         err, LF_BAD_INPUT,
         "a step would keep at least %.1f GB of feature maps and samples, and this machine "
         "has %.1f GB: lower data.image_size, train.shapes_per_step, "
-        "train.points_per_shape or model.fields",
+        "train.points_per_shape, model.fields or (fvor) model.grid",
         1e-9 * needed, 1e-9 * there);
 }
 
