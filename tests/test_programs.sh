@@ -133,9 +133,9 @@ expect 2 'setting' "$eval" --checkpoint run --setting X
 for keys in model.backbone=plain,model.plain_channels=3 model.fusion=max-pool model.vectors=0 model.type=ibrnet-sdf \
     model.type=ibrnet-sdf,model.backbone=plain; do
     sets="--set ${keys//,/ --set }"
-    expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out other $sets
-    expect 0 'IoU over 1000 points' "$eval" --checkpoint other --setting Z
-    expect 0 'signed distance' "$eval" --checkpoint other --check-equivariance 1 --shapes 1
+    expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out other --threads 1 $sets
+    expect 0 'IoU over 1000 points' "$eval" --checkpoint other --threads 1 --setting Z
+    expect 0 'signed distance' "$eval" --checkpoint other --threads 1 --check-equivariance 1 --shapes 1
     expect 2 'another model|shape|has not|lacks|missing' "$eval" --checkpoint run $sets
     rm -r other
 done
