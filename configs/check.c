@@ -146,9 +146,24 @@ static lf_status check_render(const lf_config *cfg, lf_error *err)
     if (lf_config_int(cfg, "render.width") % 4)
         return lf_fail(err, LF_BAD_INPUT, "render.width = %ld: allowed is a multiple of 4",
                        lf_config_int(cfg, "render.width"));
+    if (lf_config_int(cfg, "render.sources") < 2)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "render.sources = 1: allowed is 2 and more, as a ray trains only where two "
+                       "views see it (an evaluated view may have eval.sources = 1)");
+    if (lf_config_int(cfg, "train.seen_samples") >= lf_config_int(cfg, "render.samples"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "train.seen_samples = %ld: allowed is less than render.samples = %ld, or no "
+                       "ray counts",
+                       lf_config_int(cfg, "train.seen_samples"),
+                       lf_config_int(cfg, "render.samples"));
     if (pools != 3 || pool[0] + pool[1] + pool[2] != 100)
         return lf_fail(err, LF_BAD_INPUT,
                        "train.pool: allowed are three numbers that add up to 100");
+    if (!lf_config_is(cfg, "data.setting", "I"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "data.setting = %s: allowed is I: renderers train on cameras as they are; "
+                       "elf-eval --setting SO3 turns the frame",
+                       lf_config_choice(cfg, "data.setting"));
     if (lf_config_int(cfg, "data.builtin_scenes") == 0 &&
         strcmp(lf_config_string(cfg, "data.scenes"), "none") == 0)
         return lf_fail(err, LF_BAD_INPUT,

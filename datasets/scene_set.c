@@ -59,7 +59,7 @@ static void file_depths(lf_scene_entry *e, const lf_scene_set_options *o)
     qsort(far, (size_t)s->views, sizeof *far, by_size);
     e->far = e->builtin ? far[s->views - 1] : far[s->views / 2];
     free(far);
-    if (s->depths == LF_DEPTHS_FILE || s->depths == LF_DEPTHS_POINTS) {
+    if (!e->builtin && (s->depths == LF_DEPTHS_FILE || s->depths == LF_DEPTHS_POINTS)) {
         e->near *= o->near_factor;
         e->far *= o->far_factor;
     }
@@ -118,7 +118,7 @@ static int factor_for(const lf_scene *scene, int longest)
         if (longest > 0 && (edge + longest - 1) / longest > most)
             most = (edge + longest - 1) / longest;
     }
-    return most < 64 ? most : 64;
+    return most;
 }
 
 static lf_status open_folder(const char *folder, const lf_scene_set_options *o, size_t bytes,
@@ -130,6 +130,11 @@ static lf_status open_folder(const char *folder, const lf_scene_set_options *o, 
     options.factor = o->factor > 0 ? o->factor : 1;
     LF_TRY(lf_scene_open(folder, &options, &e->scene, err));
     const int factor = o->factor > 0 ? 1 : factor_for(e->scene, o->longest);
+    if (factor > LF_FACTOR_MAX)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "%s: data.longest = %d asks for pictures reduced %d times, %d is the most: "
+                       "raise data.longest",
+                       folder, o->longest, factor, (int)LF_FACTOR_MAX);
     if (factor > 1) {
         lf_scene_close(e->scene);
         e->scene = NULL;

@@ -53,7 +53,7 @@ typedef struct lf_scene_set_options {
     bool outlines;      /* bounds from the outlines of objects on white ground */
     double near_factor, far_factor; /* of the least near and the median far, where files say them */
     int nearness;                   /* lf_nearness, or -1: by how the cameras stand */
-    int white;          /* 1 white, 0 black, -1: white if pictures have alpha or a white rim */
+    int white;          /* 1 white, 0 black, -1: white if pictures are clear or have a white rim */
     size_t cache_bytes; /* of all scenes' pictures together */
     long builtin;       /* built-in scenes */
     lf_scene_kinds kinds;
@@ -65,7 +65,7 @@ typedef struct lf_scene_set_options {
 
 /* Open all scenes; built-in ones are rendered, in turn. `progress` (may be NULL) is called with the
  * number done. LF_BAD_INPUT: a folder that is no scene, no scene at all, fewer than two training
- * views, no mesh in the folder. */
+ * views, no mesh in the folder, a `longest` that asks for more than LF_FACTOR_MAX. */
 typedef void lf_scene_set_progress(void *context, long done, long total);
 lf_status lf_scene_set_open(const lf_scene_set_options *options, lf_scene_set_progress *progress,
                             void *context, lf_scene_set **out, lf_error *err);

@@ -7,7 +7,7 @@
  *              width -> 16 -> 1
  *   colour     of each view a logit: [32, second weight, differences 4] -> 16 -> 8 -> 1; softmax
  *
- * ELU after every map but the last of colour and density.
+ * ELU after every map but the last of colour and density, and where the aggregation has none.
  */
 #ifndef LF_MODELS_IBRNET_H
 #define LF_MODELS_IBRNET_H

@@ -39,10 +39,10 @@ lf_tensor *lf_ibrnet_map(lf_tape *tape, const lf_linear_layer *layer, lf_tensor 
 }
 
 static lf_tensor *two_maps(lf_tape *tape, const lf_linear_layer *layer, lf_tensor *x,
-                           const lf_lanes *lanes)
+                           const lf_lanes *lanes, lf_activation last)
 {
     x = lf_ibrnet_map(tape, layer, x, lanes, LF_ELU);
-    return lf_ibrnet_map(tape, layer + 1, x, lanes, LF_ELU);
+    return lf_ibrnet_map(tape, layer + 1, x, lanes, last);
 }
 
 /* Both maps of base; of the first, W [mean, variance, x] + b, the first two once a point. */
@@ -63,17 +63,17 @@ lf_ibrnet_aggregated lf_ibrnet_aggregate(lf_tape *tape, const lf_ibrnet_aggregat
                                          lf_tensor *seen, lf_tensor *direction, lf_tensor *weight,
                                          const lf_lanes *lanes)
 {
-    lf_tensor *f =
-        lf_lanes_add_rows(tape, seen, two_maps(tape, net->direction, direction, lanes), lanes);
+    lf_tensor *f = lf_lanes_add_rows(
+        tape, seen, two_maps(tape, net->direction, direction, lanes, LF_ELU), lanes);
     lf_tensor *moments = lf_ibrnet_moments(tape, f, weight, lanes, false);
     lf_tensor *x = base_maps(tape, net->base, f, moments, lanes);
-    lf_tensor *r = two_maps(tape, net->visibility, lf_lanes_scale(tape, x, weight), lanes);
+    lf_tensor *r = two_maps(tape, net->visibility, lf_lanes_scale(tape, x, weight), lanes, LF_ELU);
     const lf_ibrnet_residual updated = lf_ibrnet_residual_apply(tape, x, r, lanes);
-    const lf_ibrnet_visibility again =
-        lf_ibrnet_visibility_apply(tape, two_maps(tape, net->again, updated.visible, lanes), lanes);
+    const lf_ibrnet_visibility again = lf_ibrnet_visibility_apply(
+        tape, two_maps(tape, net->again, updated.visible, lanes, LF_IDENTITY), lanes);
     moments = lf_ibrnet_moments(tape, updated.x, again.weight, lanes, true);
     return (lf_ibrnet_aggregated){updated.x, again.visibility,
-                                  two_maps(tape, net->point, moments, lanes)};
+                                  two_maps(tape, net->point, moments, lanes, LF_ELU)};
 }
 
 /* ---- cost ---- */

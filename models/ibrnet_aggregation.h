@@ -6,8 +6,9 @@
  *   visibility 32 -> 32 -> 33: a residual and a first visibility; 32 -> 32 -> 1: a second
  *   point      mean, variance, mean weight under the second: 65 -> 64 -> width
  *
- * ELU after every map. Features and maps in lanes: see layers/ibrnet.h. The mean and variance's
- * share of base's first map is computed once a point.
+ * ELU after every map but the last of the second visibility, which a sigmoid follows. Features and
+ * maps in lanes: see layers/ibrnet.h. The mean and variance's share of base's first map is computed
+ * once a point.
  */
 #ifndef LF_MODELS_IBRNET_AGGREGATION_H
 #define LF_MODELS_IBRNET_AGGREGATION_H

@@ -1,6 +1,6 @@
 /* ibrnet_sdf.h: IBRNet as a predictor of signed distances, which the paper compares with: of a
  * point alone, without a target ray.                                                   [method.md
- * 5c.3]
+ * 5c.1]
  *
  *   samples of the maps at a point                                             [Q, V, F]
  *   -> IBRNet's aggregation over the views, told each view's direction in the object's frame

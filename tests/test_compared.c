@@ -429,5 +429,6 @@ int main(void)
         cmocka_unit_test(pixels_have_coordinates),
         cmocka_unit_test(what_is_known_of_objects_has_its_shape),
     };
+    omp_set_num_threads(1); /* many small models: handing work over would take most of the time */
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -60,6 +60,15 @@ for program in "$train" "$eval"; do
     [ -s err ] && fail "--version prints to standard error"
 done
 expect 0 'longest edge' "$eval" --help # the definitions of the metrics
+# every option that a program takes stands in its help
+for program in train eval; do
+    options=$(sed -nE 's/.*\{"([a-z-]+)", (no|required)_argument.*/\1/p' "$source/$program/"*.c)
+    [ "$(echo "$options" | wc -l)" -ge 10 ] || fail "options of elf-$program are not found"
+    "${!program}" --help >out 2>err
+    for option in $options; do
+        grep -Eq -- "--$option([^a-z-]|\$)" out || fail "elf-$program --help lacks --$option"
+    done
+done
 
 ### Configs
 

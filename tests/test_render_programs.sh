@@ -122,6 +122,7 @@ expect 2 'tiny\.ini' "$train" tiny.ini --out none --set data.scenes=tiny.ini
 expect 2 'number 2 is 0' "$train" tiny.ini --out none --set render.types=0,0
 expect 2 'first' "$train" tiny.ini --out none --set render.types=1,2
 expect 2 'render\.heads' "$train" tiny.ini --out none --set render.heads=3
+expect 2 'data\.setting = Z' "$train" tiny.ini --out none --set data.setting=Z
 expect 2 'train\.pool' "$train" tiny.ini --out none --set train.pool=50,20
 expect 2 'mesh' "$train" tiny.ini --out none --set data.scene_meshes="$here/scenes"
 mkdir two && cp -r scenes/nerf-synthetic two/one
