@@ -111,6 +111,7 @@ static double init_net(net_work *w, int base)
     }
     const lf_backbone_config config = {.in_channels = 3,
                                        .c8 = w->kind == C8,
+                                       .plain_channels = 8,
                                        .stem_fields = base,
                                        .stem_size = 7,
                                        .stem_pool = true,

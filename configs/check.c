@@ -100,6 +100,16 @@ static lf_status check_head(const lf_config *cfg, const char *key, lf_error *err
     return LF_OK;
 }
 
+static lf_status check_fusion(const lf_config *cfg, lf_error *err)
+{
+    LF_TRY(check_head(cfg, "model.scalars", err));
+    LF_TRY(check_head(cfg, "model.vectors", err));
+    if (lf_config_int(cfg, "model.vectors") == 0 && lf_config_bool(cfg, "model.degree2"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "model.degree2 = true: it is a path between vectors, and model.vectors = 0");
+    return LF_OK;
+}
+
 static lf_status check_data(const lf_config *cfg, lf_error *err)
 {
     const char *category = lf_config_string(cfg, "data.category");
@@ -167,10 +177,8 @@ lf_status lf_config_check(const lf_config *cfg, lf_error *err)
         return check_render(cfg, err);
     LF_TRY(check_backbone(cfg, err));
     LF_TRY(check_sizes(cfg, err));
-    if (lf_config_is(cfg, "model.type", "equivariant")) {
-        LF_TRY(check_head(cfg, "model.scalars", err));
-        LF_TRY(check_head(cfg, "model.vectors", err));
-    }
+    if (lf_config_is(cfg, "model.type", "equivariant"))
+        LF_TRY(check_fusion(cfg, err));
     if (lf_config_is(cfg, "model.type", "fvor"))
         LF_TRY(check_volume(cfg, err));
     LF_TRY(check_data(cfg, err));

@@ -22,7 +22,7 @@ static void configure(const lf_config *cfg, lf_recon_config *c)
 /* Channels of the last level; of regular fields their sum over orientations. */
 static long last_channels(const lf_backbone_config *b)
 {
-    return (b->c8 ? 1 : LF_C8) * (long)b->fields[b->stages - 1];
+    return (b->c8 ? 1 : b->plain_channels) * (long)b->fields[b->stages - 1];
 }
 
 static void stream_init(lf_recon *model, stream *s, const char *name, long inputs)

@@ -24,7 +24,8 @@ static void configure(const lf_config *cfg, lf_recon_config *c)
 static void unit_init(lf_recon *model, lf_unit *unit, const char *name, int level, int size,
                       int in_channels, int out, int stride)
 {
-    const lf_unit_config config = {.momentum = model->config.backbone.momentum};
+    const lf_unit_config config = {.momentum = model->config.backbone.momentum,
+                                   .channels_per_field = LF_C8};
     char full[64];
     snprintf(full, sizeof full, "volume.%s%d", name, level);
     lf_unit_init(model->store, full, &config, true, in_channels, out, size, stride, unit);

@@ -2,9 +2,11 @@
  * 5a.3] */
 #include "models/disn.h"
 #include "models/fvor.h"
+#include "models/ibrnet_sdf.h"
 #include "models/recon_equivariant.h"
 
-static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_disn, &lf_fvor};
+static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_disn, &lf_fvor,
+                                                   &lf_ibrnet_sdf};
 enum { NETWORKS = sizeof networks / sizeof *networks };
 
 /* ---- config ---- */
@@ -28,6 +30,7 @@ static lf_backbone_config backbone_config(const lf_config *cfg)
     lf_backbone_config b = {
         .in_channels = lf_config_is(cfg, "data.channels", "colour") ? 4 : 2,
         .c8 = lf_config_is(cfg, "model.backbone", "c8"),
+        .plain_channels = (int)lf_config_int(cfg, "model.plain_channels"),
         .stem_fields = (int)lf_config_int(cfg, "model.stem_fields"),
         .stem_size = (int)lf_config_int(cfg, "model.stem_size"),
         .stem_pool = lf_config_bool(cfg, "model.stem_pool"),

@@ -21,8 +21,10 @@ struct lf_recon_config {
     bool sample_image;           /* the images are one more map */
     int mlp_widths;              /* of the last MLP */
     long mlp[LF_MLP_MAX];
+    long width; /* ibrnet-sdf: numbers of a point behind the aggregation */
     /* equivariant */
     int depth_octaves; /* 0: no depth code; else 1 + 2 * octaves numbers a ray */
+    bool max_pool;     /* no convolution, no blocks: the maximum over the views */
     lf_transformer_config block;
     int blocks;
     /* disn */

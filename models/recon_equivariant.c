@@ -19,6 +19,7 @@ static const double depth_centre = 2.5, depth_half = 0.5;
 static void configure(const lf_config *cfg, lf_recon_config *c)
 {
     c->depth_octaves = (int)lf_config_int(cfg, "model.depth_octaves");
+    c->max_pool = lf_config_is(cfg, "model.fusion", "max-pool");
     c->block = (lf_transformer_config){
         .scalars = lf_config_int(cfg, "model.scalars"),
         .vectors = lf_config_int(cfg, "model.vectors"),
@@ -35,18 +36,13 @@ static long depth_code_size(const lf_recon_config *c)
     return c->depth_octaves ? 1 + 2 * c->depth_octaves : 0;
 }
 
-static void init(lf_recon *model)
+/* What lies between samples and MLP; returns how many numbers of a point the MLP gets. */
+static long init_fusion(lf_recon *model, equivariant *net)
 {
     const lf_recon_config *c = &model->config;
     const long c0 = c->block.scalars, c1 = c->block.vectors, kept = c->blocks + 1;
     lf_store *store = model->store;
-    equivariant *net = calloc(1, sizeof *net);
-    LF_REQUIRE(net, "out of memory");
-    model->net = net;
-    lf_recon_backbone_init(model, 0);
-    model->head_first = lf_store_size(store);
     model->layers = (int)kept;
-    net->inputs = model->feature_count + depth_code_size(c);
     lf_ray_convolution_init(store, &net->convolution, "convolution", net->inputs, c0, c1);
     for (int b = 0; b < c->blocks; b++) {
         char name[32];
@@ -57,7 +53,20 @@ static void init(lf_recon *model)
     net->has_readout = c1 > 0;
     if (net->has_readout)
         lf_vector_neuron_init(store, &net->readout, "readout", kept * c1);
-    lf_mlp_init(store, &net->head, "head", kept * (c0 + c1), c->mlp_widths, c->mlp, 1);
+    return kept * (c0 + c1);
+}
+
+static void init(lf_recon *model)
+{
+    const lf_recon_config *c = &model->config;
+    equivariant *net = calloc(1, sizeof *net);
+    LF_REQUIRE(net, "out of memory");
+    model->net = net;
+    lf_recon_backbone_init(model, 0);
+    model->head_first = lf_store_size(model->store);
+    net->inputs = model->feature_count + depth_code_size(c);
+    const long in = c->max_pool ? net->inputs : init_fusion(model, net);
+    lf_mlp_init(model->store, &net->head, "head", in, c->mlp_widths, c->mlp, 1);
 }
 
 /* [s', sin 2^k pi s', cos 2^k pi s'], s' = (s - centre) / half.                    [method.md 5a.3]
@@ -105,6 +114,8 @@ static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_input
     lf_tensor *ray = in->seen; /* 5a.3 */
     if (c->depth_octaves)
         ray = lf_concat(tape, 2, (lf_tensor *[]){in->seen, depth_code(tape, model, in->points)});
+    if (c->max_pool) /* 5a.10 */
+        return lf_mlp_apply(tape, &net->head, lf_pool_views(tape, ray, rays->mask, LF_POOL_MAX));
     lf_field point = lf_ray_convolution_apply(tape, &net->convolution, ray, rays); /* 5a.4 */
     lf_field on_rays = {ray, NULL}, kept[LF_RECON_LAYERS] = {point};
     for (int b = 0; b < c->blocks; b++) { /* 5a.5 */
@@ -127,17 +138,24 @@ static double block_macs(const lf_transformer_config *c, double views, double ra
     return views * (update + keys + attend) + point;
 }
 
+/* Products of a point between its samples and the MLP: convolution, blocks, readout. */
+static double fusion_macs(const lf_recon_config *c, double f, double views)
+{
+    const double c0 = (double)c->block.scalars, c1 = (double)c->block.vectors;
+    const double kept = (double)(c->blocks + 1);
+    double point = f * c0 + 3 * f * c1;
+    for (int b = 0; b < c->blocks; b++)
+        point += block_macs(&c->block, views, b ? c0 : f, b ? c1 : 0);
+    return point + 2 * 3 * kept * c1 * kept * c1;
+}
+
 static void cost(const lf_recon *model, long views, lf_recon_cost *cost)
 {
     const lf_recon_config *c = &model->config;
     const equivariant *net = model->net;
-    const double c0 = (double)c->block.scalars, c1 = (double)c->block.vectors;
-    const double f = (double)net->inputs, v = (double)views, kept = (double)(c->blocks + 1);
-    double point = f * c0 + 3 * f * c1;
-    for (int b = 0; b < c->blocks; b++)
-        point += block_macs(&c->block, v, b ? c0 : f, b ? c1 : 0);
-    point += 2 * 3 * kept * c1 * kept * c1;
-    cost->point += point + lf_mlp_macs(&net->head);
+    if (!c->max_pool)
+        cost->point += fusion_macs(c, (double)net->inputs, (double)views);
+    cost->point += lf_mlp_macs(&net->head);
 }
 
 const lf_recon_network lf_recon_equivariant = {

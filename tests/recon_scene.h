@@ -199,12 +199,13 @@ static inline double plain_step(net *n, const scene *s, bool backward)
 }
 
 /* Difference of `slope` from the derivative of the mean loss by one parameter: the least over three
- * steps, for a long one runs into the kinks of ReLU and a short one into rounding. */
-static inline double slope_error(net *n, const scene *s, lf_real *x, double slope)
+ * steps, for a long one runs into the kinks of ReLU and a short one into rounding; `enough` ends
+ * the search. */
+static inline double slope_error(net *n, const scene *s, lf_real *x, double slope, double enough)
 {
     const lf_real old = *x;
     double least = INFINITY;
-    for (double h = 1e-5; h > 5e-8; h /= 10) {
+    for (double h = 1e-5; h > 5e-8 && least > enough; h /= 10) {
         *x = old + (lf_real)h;
         const double up = plain_step(n, s, false);
         *x = old - (lf_real)h;
@@ -241,7 +242,8 @@ static inline double gradient_defect(const char *more)
         const long at = lf_index(&r, p->size);
         if (!p->trainable)
             continue;
-        const double e = slope_error(&n, s, lf_values(p) + at, (double)grad[at]) / size;
+        const double e =
+            slope_error(&n, s, lf_values(p) + at, (double)grad[at], 1e-7 * size) / size;
         worst = e > worst || isnan(e) ? e : worst;
     }
     free_step(&a);

@@ -254,6 +254,8 @@ static const struct {
      "data.image_size = 16: the strides of this backbone multiply to 16, so allowed is 17 or more"},
     {{"model.heads=3"}, "model.scalars = 16: allowed is a multiple of model.heads = 3"},
     {{"model.vectors=6"}, "model.vectors = 6: allowed is a multiple of model.heads = 4"},
+    {{"model.vectors=0", "model.degree2=true"},
+     "model.degree2 = true: it is a path between vectors, and model.vectors = 0"},
     {{"data.category=sofa"},
      "data.category = sofa: built-in shapes (data.root = builtin) are chair, airplane and car"},
     {{"data.thickness=-0.5"}, "data.thickness = -0.5: allowed is -1 or a number from 0 to 0.1"},

@@ -159,7 +159,7 @@ static void published_numbers(void **state)
         lf_ibrnet net;
         lf_ibrnet_init(store, &net, "net", &(lf_ibrnet_config){6, 16, softplus == 1});
         fill_by_formula(store);
-        lf_values(net.again[1].bias)[0] -= (lf_real)(2 * low);
+        lf_values(net.views.again[1].bias)[0] -= (lf_real)(2 * low);
         run(&net, store, &x, &y);
         const double most = EXACT ? 1e-11 : 2e-5;
         for (int i = 0; i < 30; i++)
@@ -173,7 +173,7 @@ static void published_numbers(void **state)
                 size += fabs((double)y.gradient[i]);
             assert_close(size, gradient[0], 1e-4, 0);
             assert_close(lf_grads(net.sharpness)[0], gradient[1], 1e-3, 0);
-            assert_close(lf_grads(net.base[0].weight)[0], gradient[2], 1e-4, 0);
+            assert_close(lf_grads(net.views.base[0].weight)[0], gradient[2], 1e-4, 0);
             if (!low)
                 assert_close(lf_grads(net.query.weight)[0], 0.0335314770999, 1e-3, 0);
         }

@@ -100,6 +100,17 @@ for config in "$source"/configs/*.ini; do
     expect 2 'no such folder of data|nowhere' "$train" "$config" --out none --set data.root=nowhere
 done
 
+### Counting
+
+expect 0 'GFLOP|MFLOP' "$train" tiny.ini --count --json count.json
+grep -q '"flop_forward":' count.json || fail "no operations in the JSON of --count"
+[ -e runs ] && fail "--count makes a run folder"
+expect 2 '--json means nothing without --count' "$train" tiny.ini --json x.json
+expect 2 '--count trains nothing' "$train" tiny.ini --count --out none
+expect 2 '--count trains nothing' "$train" --count --resume none
+expect 2 'fields' "$train" tiny.ini --count --set model.fields=1,2,3
+expect 2 'nowhere' "$train" tiny.ini --count --json nowhere/x.json
+
 ### A run and its evaluation
 
 expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out run
@@ -128,6 +139,15 @@ expect 2 'tiny\.ini' "$eval" compare-meshes "$truth" tiny.ini
 expect 0 'signed distance' "$eval" --checkpoint "$(checkpoint run 6)" --check-equivariance 1 --shapes 1 --json q.json
 grep -q '"quarter":' q.json || fail "no quarter turns in the report on equivariance"
 expect 2 'setting' "$eval" --checkpoint run --setting X
+for keys in model.backbone=plain,model.plain_channels=3 model.fusion=max-pool model.vectors=0 model.type=ibrnet-sdf \
+    model.type=ibrnet-sdf,model.backbone=plain; do
+    sets="--set ${keys//,/ --set }"
+    expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out other --threads 1 $sets
+    expect 0 'IoU over 1000 points' "$eval" --checkpoint other --threads 1 --setting Z
+    expect 0 'signed distance' "$eval" --checkpoint other --threads 1 --check-equivariance 1 --shapes 1
+    expect 2 'another model|shape|has not|lacks|missing' "$eval" --checkpoint run $sets
+    rm -r other
+done
 expect 2 'data\.val_shapes' "$eval" --checkpoint run --split val # the config has none
 expect 2 'tiny\.ini: is no folder' "$eval" --checkpoint run --out tiny.ini
 expect 2 'cannot make the folder' "$eval" --checkpoint run --out tiny.ini/there

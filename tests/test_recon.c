@@ -31,7 +31,8 @@ static const char *const variants[] = {NULL,
                                        "model.degree2=true",
                                        "model.depth_octaves=3",
                                        "model.backbone=plain",
-                                       "model.norm=instance"};
+                                       "model.norm=instance",
+                                       "model.backbone=plain;model.plain_channels=3"};
 enum { VARIANTS = sizeof variants / sizeof *variants };
 
 static void moving_the_frame_changes_nothing(void **state)
@@ -69,6 +70,43 @@ static void quarter_turns_of_every_view_change_nothing(void **state)
     assert_below(defect_of_rolls(NULL), EXACT ? 1e-11 : 1e-5);
     assert_below(defect_of_rolls("model.norm=instance"), EXACT ? 1e-11 : 1e-5);
     assert_true(defect_of_rolls("model.backbone=plain") > 1e-3); /* or the test tests nothing */
+    assert_true(defect_of_rolls("model.backbone=plain;model.plain_channels=3") > 1e-3);
+}
+
+/* The directions of all rays replaced by others: what the ablations without vectors cannot know. */
+static double defect_of_other_directions(const char *more)
+{
+    net n;
+    open_net(&n, more);
+    scene *s = make_scene();
+    double before[Q], after[Q];
+    distances(&n, s, before);
+    sight t;
+    open_sight(&t, &n.model, s);
+    for (uint64_t i = 0; i < Q * V; i++) {
+        lf_stream r = lf_stream_at(12, LF_RANDOM_GROUP, i, 0);
+        const lf_motion g = lf_motion_random(&r, 0);
+        double *d = t.projection.direction + 3 * i;
+        lf_rotation_apply(g.rotation, d, d);
+    }
+    lf_tape *tape = lf_tape_create();
+    lf_tape_set_grad(tape, false);
+    const lf_tensor *x = forward(tape, &n.model, &t, false);
+    for (int q = 0; q < Q; q++)
+        after[q] = (double)x->value[q];
+    lf_tape_free(tape);
+    close_sight(&t);
+    free(s);
+    close_net(&n);
+    return relative_error(after, before, Q);
+}
+
+static void directions_go_in_by_vectors_alone(void **state)
+{
+    (void)state;
+    assert_true(defect_of_other_directions(NULL) > 1e-3);
+    assert_true(defect_of_other_directions("model.fusion=max-pool") == 0);
+    assert_true(defect_of_other_directions("model.vectors=0") == 0);
 }
 
 /* ---- steps ---- */
@@ -136,8 +174,12 @@ static void gradient_of_the_whole_model(void **state)
     (void)state;
     if (!EXACT)
         skip();
+    const int most = omp_get_max_threads();
+    omp_set_num_threads(1); /* the work is too small to share */
     assert_below(gradient_defect(NULL), 1e-6);
     assert_below(gradient_defect("model.nonlinearity=gated"), 1e-6);
+    assert_below(gradient_defect("model.backbone=plain;model.plain_channels=3"), 1e-6);
+    omp_set_num_threads(most);
 }
 
 static void a_nonfinite_number_is_found_and_named(void **state)
@@ -289,6 +331,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(moving_the_frame_changes_nothing),
         cmocka_unit_test(quarter_turns_of_every_view_change_nothing),
+        cmocka_unit_test(directions_go_in_by_vectors_alone),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(tiles_change_rounding_only),
         cmocka_unit_test(lanes_add_up_to_one_tape),

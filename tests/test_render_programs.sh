@@ -86,6 +86,15 @@ for type in ibrnet renderer; do
         --set render.fine_samples=3 --set data.scenes="scenes/llff, forward" --set data.builtin_scenes=1
 done
 
+for keys in render.along_ray=false render.types=0; do # ablations
+    expect 0 'parameters' "$train" tiny.ini --out less --threads 1 --set $keys --set train.steps=3
+    expect 0 'SO3' "$eval" --checkpoint less --setting SO3 --views 1 --no-baselines --json less.json
+    awk '/"pixel_variance": [0-9]/ { gsub(",", ""); if ($2 > 1e-4) bad = 1; seen = 1 }
+         END { exit bad || !seen }' less.json || fail "the renderer with $keys varies with the frame"
+    expect 2 'another model|shape|has not|missing' "$eval" --checkpoint whole --set $keys
+    rm -r less
+done
+
 ### Scores, turned frames, paths
 
 expect 0 'mean over scenes' "$eval" --checkpoint whole --out views --json report.json

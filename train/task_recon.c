@@ -124,6 +124,38 @@ static void print_plan(void *self, long step)
     lf_store_free(store);
 }
 
+/* Trainable numbers of what a network computes of a shape as a whole. */
+static long object_parameters(const recon_task *t)
+{
+    long n = 0;
+    for (int i = 0; i < lf_store_count(t->store); i++) {
+        const lf_parameter *p = lf_store_at(t->store, i);
+        if (p->trainable && p->offset < t->model.head_first)
+            n += p->size;
+    }
+    return n - lf_trainable_in(t->store, "backbone.");
+}
+
+static void count(const void *self, lf_cost *out)
+{
+    const recon_task *t = self;
+    const lf_recon *m = &t->model;
+    const lf_recon_cost c = lf_recon_costs(m, LF_CUBE_VIEWS);
+    const long shapes = lf_config_int(t->cfg, "train.shapes_per_step");
+    const long points = shapes * lf_config_int(t->cfg, "train.points_per_shape");
+    const long backbone = lf_trainable_in(t->store, "backbone."), objects = object_parameters(t);
+    char text[LF_COST_TEXT];
+    snprintf(text, sizeof text, "a view of %ld x %ld", m->config.image_size, m->config.image_size);
+    lf_cost_add(out, "backbone", backbone, c.image, text);
+    snprintf(text, sizeof text, "a shape of %d views", LF_CUBE_VIEWS);
+    if (objects > 0 || c.object > 0)
+        lf_cost_add(out, "shape", objects, c.object, text);
+    snprintf(text, sizeof text, "a point that %d views see", LF_CUBE_VIEWS);
+    lf_cost_add(out, "head", lf_store_trainable(t->store) - backbone - objects, c.point, text);
+    out->step_macs = lf_recon_macs(m, shapes * LF_CUBE_VIEWS, points, LF_CUBE_VIEWS);
+    snprintf(out->step, sizeof out->step, "%ld shapes, %ld points", shapes, points);
+}
+
 /* Refuse a step that this machine cannot hold, before an hour of rendering. An estimate from below:
  * the outputs of all convolutions and norms, and the samples with their gradient. */
 static lf_status check_memory(void *self, lf_error *err)
@@ -203,6 +235,7 @@ void lf_task_recon(const lf_config *cfg, const lf_task_options *options, lf_task
     lf_recon_work_check(t->work, options->check_finite);
     *out = (lf_task){.self = t,
                      .store = t->store,
+                     .count = count,
                      .check = check_memory,
                      .open = open_data,
                      .print_plan = print_plan,

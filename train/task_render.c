@@ -150,6 +150,34 @@ static void print_plan(void *self, long step)
     lf_store_free(store);
 }
 
+/* Pictures are read later: as large as they may be, or as built-in ones are. */
+static long assumed_edge(const lf_config *cfg)
+{
+    const long longest = lf_config_int(cfg, "data.longest");
+    const bool files = strcmp(lf_config_string(cfg, "data.scenes"), "none") != 0;
+    return files && longest > 0 ? longest : lf_config_int(cfg, "data.scene_size");
+}
+
+static void count(const void *self, lf_cost *out)
+{
+    static const char *const name[] = {"coarse", "fine"}, *const prefix[] = {"coarse.", "fine."};
+    const render_task *t = self;
+    const lf_renderer_config *c = &t->model.config;
+    const long edge = assumed_edge(t->cfg), rays = lf_config_int(t->cfg, "train.rays");
+    const double picture = lf_renderer_picture_macs(&t->model, edge, edge);
+    char text[LF_COST_TEXT];
+    snprintf(text, sizeof text, "a picture of %ld x %ld", edge, edge);
+    lf_cost_add(out, "features", lf_trainable_in(t->store, "features."), picture, text);
+    for (int i = 0; i < t->model.networks; i++) {
+        snprintf(text, sizeof text, "a ray of %ld samples, %ld source views",
+                 c->samples + (i == LF_FINE ? c->fine : 0), c->sources);
+        lf_cost_add(out, name[i], lf_trainable_in(t->store, prefix[i]),
+                    lf_renderer_network_macs(&t->model, i), text);
+    }
+    out->step_macs = (double)rays * lf_renderer_ray_macs(&t->model) + (double)c->sources * picture;
+    snprintf(out->step, sizeof out->step, "%ld rays, %ld such pictures", rays, c->sources);
+}
+
 /* From below: what the feature network keeps of the sources' pictures. Sizes are not known before
  * the scenes are read, so the longest edge that is allowed stands for them. */
 static lf_status check_memory(void *self, lf_error *err)
@@ -271,6 +299,7 @@ void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_tas
     lf_render_work_check(t->work, options->check_finite);
     *out = (lf_task){.self = t,
                      .store = t->store,
+                     .count = count,
                      .check = check_memory,
                      .open = open_data,
                      .print_plan = print_plan,
