@@ -24,12 +24,14 @@ typedef struct lf_lanes {
     const long *first;           /* [B + 1] the rows of block b are first[b] .. first[b + 1] - 1 */
     const long *view, *block;    /* [R] */
     const lf_tensor *mask;       /* [R, 1, L] 1 = the view sees the point; 0 beyond the last one */
-    const lf_tensor *difference; /* [R, 4, L] see models/ray_network.h; NULL: none */
-    const lf_tensor *lowest;     /* [B, 1, L] the least inner product of all V views; or NULL */
+    const lf_tensor *difference; /* [R, 4, L] unit difference and inner product of directions */
+    const lf_tensor *behind;     /* [R, 1, L] inner product - 1, with digits of its own */
+    const lf_tensor *furthest;   /* [B, 1, L] the least of these, of all V views */
 } lf_lanes;
 
-/* mask and difference are [N, S, V] and [N, S, V, 4]; every difference must be finite. NULL: there
- * is no target to differ from, and lf_ibrnet_weights may not be asked. */
+/* mask and difference are [N, S, V] and [N, S, V, 4], as in models/ray_network.h; every difference
+ * must be finite. NULL: there is no target to differ from, the last three are NULL, and
+ * lf_ibrnet_weights may not be asked. */
 lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *difference);
 
 /* A copy on the tape, for an op to keep. */
@@ -55,7 +57,8 @@ lf_tensor *lf_lanes_linear(lf_tape *tape, int parts, lf_tensor *const *x, lf_ten
 /* ---- aggregation over the views -------------------------------------------------------------- */
 
 /* Weights by direction: a_v = m_v (e_v - min_u e_u), e_v = exp(|s| (dot_v - 1)), w = a / (sum a +
- * 1e-8): s [1] -> [R, 1, L]. The least is over all views, seen or not, as published. */
+ * 1e-8): s [1] -> [R, 1, L]. The least is over all views, seen or not, as published. No gradient at
+ * s = 0. */
 lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes);
 
 /* Weights without direction: m_v / (sum m + 1e-8) -> [R, 1, L], no gradient. */

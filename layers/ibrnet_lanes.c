@@ -46,19 +46,31 @@ static void find_rows(lf_tape *tape, lf_lanes *lanes, const lf_real *mask)
     first[lanes->blocks] = lanes->rows;
 }
 
-static lf_tensor *lowest_of(lf_tape *tape, const lf_lanes *lanes, const lf_real *difference)
+static lf_tensor *furthest_of(lf_tape *tape, const lf_lanes *lanes, const lf_real *difference)
 {
-    lf_tensor *lowest = lf_tensor_new(tape, 3, LF_DIMS(lanes->blocks, 1, LF_LANES));
-    memset(lowest->value, 0, (size_t)lowest->size * sizeof(lf_real));
+    lf_tensor *furthest = lf_tensor_new(tape, 3, LF_DIMS(lanes->blocks, 1, LF_LANES));
+    memset(furthest->value, 0, (size_t)furthest->size * sizeof(lf_real));
     for (long p = 0; p < lanes->points; p++) {
         lf_real least = difference[p * lanes->views * 4 + 3];
         for (long v = 1; v < lanes->views; v++) {
-            const lf_real dot = difference[(p * lanes->views + v) * 4 + 3];
-            least = dot < least ? dot : least;
+            const lf_real behind = difference[(p * lanes->views + v) * 4 + 3];
+            least = behind < least ? behind : least;
         }
-        lowest->value[p] = least;
+        furthest->value[p] = least;
     }
-    return lowest;
+    return furthest;
+}
+
+/* The last of the four numbers of each row by itself; what the maps see is the inner product. */
+static lf_tensor *behind_of(lf_tape *tape, const lf_lanes *lanes, lf_tensor *difference)
+{
+    lf_tensor *behind = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, 1, LF_LANES));
+    for (long r = 0; r < lanes->rows; r++) {
+        lf_real *dot = difference->value + (4 * r + 3) * LF_LANES;
+        memcpy(behind->value + r * LF_LANES, dot, LF_LANES * sizeof *dot);
+        lf_vec_store(dot, lf_vec_load(dot) + 1);
+    }
+    return behind;
 }
 
 /* Channels [i, i + LF_LANES) of the points of a full row. */
@@ -131,8 +143,10 @@ lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *di
     find_rows(tape, &lanes, mask->value);
     lanes.mask = in_lanes(tape, &lanes, 1, mask->value);
     if (difference) {
-        lanes.difference = in_lanes(tape, &lanes, 4, difference->value);
-        lanes.lowest = lowest_of(tape, &lanes, difference->value);
+        lf_tensor *turned = in_lanes(tape, &lanes, 4, difference->value);
+        lanes.behind = behind_of(tape, &lanes, turned);
+        lanes.difference = turned;
+        lanes.furthest = furthest_of(tape, &lanes, difference->value);
     }
     return lanes;
 }

@@ -1,14 +1,12 @@
 /* ibrnet_views.c: weights, moments and visibilities over the views of a point; colours
  *                                                                  [layers/ibrnet.h, method.md 5c]
- *   weights    a_v = m_v (e_v - e_least), e = exp(|s| (dot - 1)),  w_v = a_v / (sum a + epsilon)
- *     da_v = (dw_v - sum_u w_u dw_u) / (sum a + epsilon)
- *     ds  += sign(s) sum_v da_v m_v (e_v (dot_v - 1) - e_least (dot_least - 1))
- *   moments    mean = sum_v w_v x_v,  variance = sum_v w_v (x_v - mean)^2,  sum_v w_v / V
- *     g = dmean - 2 dvariance mean (1 - sum w),  h_v = x_v - mean
- *     dx_v += w_v (g + 2 dvariance h_v),  dw_v += sum_c x_v g + h_v^2 dvariance + d(sum w / V) / V
- *   residual   z = x + r_0..D-1,  y = z m sigmoid(r_D)
- *   visibility u_v = m_v sigmoid(t_v),  w_v = u_v / (sum u + epsilon)
- *   colour     p = softmax of t over the views with m = 1,  c = sum_v p_v x_v
+ *   weights    a_v = m_v (e_v - e_least), e = exp(|s| x), x = dot - 1,  w_v = a_v / (sum a +
+ * epsilon) ds  += sign(s) sum_v dw_v w_v (l_v - sum_u w_u l_u),  l = d log a / d|s| moments    mean
+ * = sum_v w_v x_v,  variance = sum_v w_v (x_v - mean)^2,  sum_v w_v / V g = dmean - 2 dvariance
+ * mean (1 - sum w),  h_v = x_v - mean dx_v += w_v (g + 2 dvariance h_v),  dw_v += sum_c x_v g +
+ * h_v^2 dvariance + d(sum w / V) / V residual   z = x + r_0..D-1,  y = z m sigmoid(r_D) visibility
+ * u_v = m_v sigmoid(t_v),  w_v = u_v / (sum u + epsilon) colour     p = softmax of t over the views
+ * with m = 1,  c = sum_v p_v x_v
  *
  * Shapes      layers/ibrnet.h: everything is in lanes but the features whose first three numbers
  *             are colours.
@@ -64,37 +62,57 @@ static lf_vec inner(long first, long last, const lf_real *a, const lf_real *b)
 /* ---- weights by direction ----------------------------------------------------------------------
  */
 
-/* dot - 1 of a row, and of the least of its block's views. */
-LF_INLINE lf_vec behind(const lf_lanes *lanes, long row)
+/* e - e_least of a row, not as a difference: views often look along nearly the same direction. */
+LF_INLINE lf_vec above_least(lf_real size, lf_vec behind, lf_vec least)
 {
-    return at(lanes->difference->value, 4 * row + 3) - 1;
+    return -lf_vec_exp(size * behind) * lf_vec_expm1(size * (least - behind));
 }
 
-LF_INLINE lf_vec furthest(const lf_lanes *lanes, long block)
+/* 1 / (1 - e^-z) - 1 / z for z >= 0: from 1/2 to 1. */
+LF_INLINE lf_vec bend(lf_vec z)
 {
-    return at(lanes->lowest->value, block) - 1;
+    const lf_vec y = z * z;
+    const lf_vec series =
+        (lf_real)0.5 + z * ((lf_real)(1.0 / 12) -
+                            y * ((lf_real)(1.0 / 720) - y * ((lf_real)(1.0 / 30240) -
+                                                             y * ((lf_real)(1.0 / 1209600) -
+                                                                  y * (lf_real)(1.0 / 47900160)))));
+    const lf_vec few = lf_vec_all((lf_real)0.25), large = lf_vec_max(z, few);
+    return lf_vec_select(z < few, series, -1 / lf_vec_expm1(-large) - 1 / large);
+}
+
+/* (x - x_least) bend(|s| (x - x_least)) of a row. What else there is of its d log a / d|s|, x_least
+ * + 1 / |s|, is that of all views and cancels but for the epsilon. */
+LF_INLINE lf_vec own_slope(const lf_lanes *lanes, long row, lf_real size, lf_vec least)
+{
+    const lf_vec apart = at(lanes->behind->value, row) - least;
+    return apart * bend(size * apart);
+}
+
+static lf_vec weights_back(const lf_lanes *lanes, long b, lf_real size, const lf_real *w,
+                           const lf_real *dw)
+{
+    const long first = lanes->first[b], last = lanes->first[b + 1];
+    const lf_vec least = at(lanes->furthest->value, b), pull = inner(first, last, w, dw);
+    lf_vec sum = lf_vec_all(EPSILON), mean = {0}, ds = {0};
+    for (long r = first; r < last; r++) {
+        const lf_vec behind = at(lanes->behind->value, r);
+        sum += at(lanes->mask->value, r) * above_least(size, behind, least);
+        mean += at(w, r) * own_slope(lanes, r, size, least);
+    }
+    for (long r = first; r < last; r++)
+        ds += at(w, r) * (at(dw, r) - pull) * (own_slope(lanes, r, size, least) - mean);
+    return ds + (mean + least + 1 / size) * (EPSILON / sum) * pull;
 }
 
 static void weights_backward(const lf_node *node)
 {
     const lf_lanes *lanes = node->saved;
     lf_tensor *s = node->in[0];
-    const lf_real *w = node->out[0]->value, *dw = node->out[0]->grad;
     const lf_real size = LF_FABS(s->value[0]);
     lf_vec ds = {0};
-    for (long b = 0; b < lanes->blocks; b++) {
-        const long first = lanes->first[b], last = lanes->first[b + 1];
-        const lf_vec least = furthest(lanes, b), floor = lf_vec_exp(size * least);
-        const lf_vec pull = inner(first, last, w, dw);
-        lf_vec sum = lf_vec_all(EPSILON), turn = {0};
-        for (long r = first; r < last; r++) {
-            const lf_vec dot = behind(lanes, r), e = lf_vec_exp(size * dot);
-            const lf_vec mask = at(lanes->mask->value, r);
-            sum += mask * (e - floor);
-            turn += (at(dw, r) - pull) * mask * (e * dot - floor * least);
-        }
-        ds += turn / sum;
-    }
+    for (long b = 0; size > 0 && b < lanes->blocks; b++)
+        ds += weights_back(lanes, b, size, node->out[0]->value, node->out[0]->grad);
     s->grad[0] += s->value[0] < 0 ? -lf_vec_total(ds) : lf_vec_total(ds);
 }
 
@@ -105,10 +123,10 @@ lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes)
     lf_tensor *w = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, 1, LF_LANES));
     const lf_real size = LF_FABS(s->value[0]);
     for (long b = 0; b < lanes->blocks; b++) {
-        const lf_vec floor = lf_vec_exp(size * furthest(lanes, b));
+        const lf_vec least = at(lanes->furthest->value, b);
         for (long r = lanes->first[b]; r < lanes->first[b + 1]; r++)
             put(w->value, r,
-                at(lanes->mask->value, r) * (lf_vec_exp(size * behind(lanes, r)) - floor));
+                at(lanes->mask->value, r) * above_least(size, at(lanes->behind->value, r), least));
         normalise(lanes->first[b], lanes->first[b + 1], w->value, w->value);
     }
     lf_record(tape, "ibrnet_weights", weights_backward, lf_lanes_keep(tape, lanes), LF_IN(s),

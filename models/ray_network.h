@@ -17,8 +17,9 @@ typedef struct lf_ray_inputs {
     lf_tensor *seen; /* [N, S, V, F]: red, green, blue in 0..1, then features; 0 where masked */
     const lf_light_geometry *geometry; /* until the backward is done */
     const lf_tensor *difference; /* [N, S, V, 4]: unit difference of the target's and the source's
-                                    direction to the camera, and their inner product, in the frame
-                                    of the poses (IBRNet only; else NULL) */
+                                    direction to the camera, and their inner product less 1 (which
+                                    float can tell from 0 where views agree), in the frame of the
+                                    poses (IBRNet only; else NULL) */
 } lf_ray_inputs;
 
 typedef struct lf_radiance {

@@ -115,17 +115,16 @@ lf_tensor *lf_ray_differences(lf_tape *tape, const lf_target_rays *rays, long fr
         const double *d = rays->direction + 3 * (from + i / views / samples);
         const double to[3] = {c[0] - p[0], c[1] - p[1], c[2] - p[2]};
         const double far = hypot(hypot(to[0], to[1]), to[2]);
-        double difference[3], size = 0, dot = 0;
+        double difference[3], square = 0;
         for (int a = 0; a < 3; a++) {
             const double b = far > 0 ? to[a] / far : -d[a];
             difference[a] = -d[a] - b;
-            size += difference[a] * difference[a];
-            dot -= d[a] * b;
+            square += difference[a] * difference[a];
         }
-        size = fmax(sqrt(size), 1e-6);
+        const double size = fmax(sqrt(square), 1e-6);
         for (int a = 0; a < 3; a++)
             y->value[4 * i + a] = (lf_real)(difference[a] / size);
-        y->value[4 * i + 3] = (lf_real)dot;
+        y->value[4 * i + 3] = (lf_real)(-square / 2); /* <a, b> - 1 of unit vectors */
     }
     return y;
 }

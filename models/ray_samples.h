@@ -58,8 +58,8 @@ lf_seen_samples lf_see_samples(lf_tape *tape, const lf_target_rays *rays, long f
                                long samples, const double *depth, long views,
                                const lf_source *source);
 
-/* IBRNet's differences [N, S, V, 4] of rays [from, from + count): (a - b) / |a - b| and <a, b>, a
- * and b the unit vectors from the sample to the target's and the source's centre; 0 for a sample
+/* IBRNet's differences [N, S, V, 4] of rays [from, from + count): (a - b) / |a - b| and <a, b> - 1,
+ * a and b the unit vectors from the sample to the target's and the source's centre; 0 for a sample
  * at a source's centre. */
 lf_tensor *lf_ray_differences(lf_tape *tape, const lf_target_rays *rays, long from, long count,
                               long samples, const lf_seen_samples *seen, long views);

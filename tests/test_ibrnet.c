@@ -38,7 +38,7 @@ static void random_samples(samples *x, long n, long s, long v, long f)
     for (long i = 0; i < n * s * v * f; i++)
         x->seen[i] = (lf_real)lf_uniform(&r) * x->mask[i / f];
     for (long i = 0; i < n * s * v * 4; i++)
-        x->difference[i] = (lf_real)(2 * lf_uniform(&r) - 1);
+        x->difference[i] = (lf_real)(2 * lf_uniform(&r) - 1 - (i % 4 == 3));
     count_views(x);
 }
 
@@ -105,7 +105,7 @@ static void formula_samples(samples *x)
     for (long i = 0; i < 180; i++)
         x->seen[i] = (lf_real)(0.5 + 0.5 * sin(1.3 * (double)i)) * x->mask[i / 6];
     for (long i = 0; i < 120; i++)
-        x->difference[i] = (lf_real)cos(0.9 * (double)i);
+        x->difference[i] = (lf_real)(cos(0.9 * (double)i) - (i % 4 == 3));
     count_views(x);
 }
 
