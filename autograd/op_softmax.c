@@ -1,7 +1,8 @@
 /* op_softmax.c: y = softmax(x) along the last axis, over the entries a mask allows  [method.md 4.6]
  *
  *   forward    y_i = k_i exp(x_i - m) / sum_j k_j exp(x_j - m),   m = max over entries with k = 1
- *   backward   dx_i += y_i (dy_i - sum_j y_j dy_j)
+ *   backward   dx_i += y_i (g_i - sum_j y_j g_j),  g = dy less that of the largest y: where that
+ *              is nearly 1 the others keep their digits, and its own gradient is made of theirs
  *
  * Shapes     x, y, mask k: [.., n], n >= 1; the mask may be absent.
  * Keeps      y only.
@@ -23,19 +24,24 @@ static void forward_row(long n, const lf_real *x, const lf_real *mask, lf_real *
         y[i] /= sum; /* sum >= 1: the largest term is exp(0) */
 }
 
+static void backward_row(long n, const lf_real *y, const lf_real *dy, lf_real *restrict dx)
+{
+    lf_real pull = 0;
+    long top = 0;
+    for (long i = 1; i < n; i++)
+        top = y[i] > y[top] ? i : top;
+    for (long i = 0; i < n; i++)
+        pull += y[i] * (dy[i] - dy[top]);
+    for (long i = 0; i < n; i++)
+        dx[i] += y[i] * (dy[i] - dy[top] - pull);
+}
+
 static void backward(const lf_node *node)
 {
     const lf_tensor *y = node->out[0];
-    lf_tensor *x = node->in[0];
     const long n = lf_cols(y);
-    for (long r = 0; r < lf_rows(y); r++) {
-        const lf_real *yr = y->value + r * n, *dy = y->grad + r * n;
-        lf_real dot = 0;
-        for (long i = 0; i < n; i++)
-            dot += yr[i] * dy[i];
-        for (long i = 0; i < n; i++)
-            x->grad[r * n + i] += yr[i] * (dy[i] - dot);
-    }
+    for (long r = 0; r < lf_rows(y); r++)
+        backward_row(n, y->value + r * n, y->grad + r * n, node->in[0]->grad + r * n);
 }
 
 lf_tensor *lf_softmax(lf_tape *tape, lf_tensor *x, const lf_tensor *mask)

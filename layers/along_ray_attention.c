@@ -130,19 +130,21 @@ static void forward_point(const along *t, const work *w, long i, lf_tensor *cons
         y[j] = w->x[t->place[j]];
 }
 
-/* da in w->number becomes dl. */
+/* da in w->number becomes dl; the largest weight's da is taken off first: see heads.h. */
 static void softmax_backward(const along *t, const work *w, const lf_real *a)
 {
     const long all = t->blocks * W;
     for (int h = 0; h < t->heads; h++) {
+        const lf_real *of_head = a + h * all;
         lf_real *d = w->number + h * all;
         lf_vec pull = {0};
+        const lf_real most = lf_vec_of_largest(all, of_head, d);
         for (long j = 0; j < all; j += LF_LANES)
-            pull += lf_vec_load(a + h * all + j) * lf_vec_load(d + j);
+            pull += lf_vec_load(of_head + j) * (lf_vec_load(d + j) - most);
         const lf_real sum = lf_vec_total(pull);
         for (long j = 0; j < all; j += LF_LANES)
             lf_vec_store(d + j,
-                         t->scale * lf_vec_load(a + h * all + j) * (lf_vec_load(d + j) - sum));
+                         t->scale * lf_vec_load(of_head + j) * (lf_vec_load(d + j) - most - sum));
     }
 }
 

@@ -103,4 +103,18 @@ LF_INLINE void lf_lane_softmax(long views, const lf_real *mask, lf_vec *w)
         w[v] *= by;
 }
 
+/* Gradients of weights become those of logits times `scale`: lf_head_softmax_backward. */
+LF_INLINE void lf_lane_softmax_backward(long views, lf_real scale, const lf_vec *w, lf_vec *d)
+{
+    lf_vec largest = {0}, most = {0}, pull = {0};
+    for (long v = 0; v < views; v++) {
+        most = lf_vec_select(w[v] > largest, d[v], most);
+        largest = lf_vec_max(largest, w[v]);
+    }
+    for (long v = 0; v < views; v++)
+        pull += w[v] * (d[v] - most);
+    for (long v = 0; v < views; v++)
+        d[v] = scale * w[v] * (d[v] - most - pull);
+}
+
 #endif

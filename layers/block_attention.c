@@ -125,10 +125,17 @@ static void backward_head(const attention *t, const lf_node *node, long b, int h
     const lf_tensor *q = node->in[0], *k = node->in[1], *val = node->in[2];
     const long first = t->blocks.first[b], last = t->blocks.first[b + 1], row = t->n * W;
     const lf_real *dy = node->out[0]->grad + b * row;
-    lf_vec pull = {0};
+    lf_vec pull = {0}, largest = {0}, most = {0}; /* most: of the largest weight, see heads.h */
     for (long g = first; g < last; g++) {
+        const lf_vec w = lf_block_get(weight_at(t, g), head, h);
         const lf_vec d =
             lf_block_get(means, g - first, h) + head_product(t, head, dy, val->value + g * row, h);
+        most = lf_vec_select(w > largest, d, most);
+        largest = lf_vec_max(w, largest);
+        lf_block_set(dl, g - first, h, d);
+    }
+    for (long g = first; g < last; g++) {
+        const lf_vec d = lf_block_get(dl, g - first, h) - most;
         pull += lf_block_get(weight_at(t, g), head, h) * d;
         lf_block_set(dl, g - first, h, d);
     }

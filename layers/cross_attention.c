@@ -5,7 +5,8 @@
  *   w_{v,h} = softmax over the views that see the point,  y_c = sum_v w_{v,h(c)} val_vc
  *   W_v = mean_h w_{v,h},  blend = sum_v W_v x_v
  *   backward  dval_v = w_v dy;  dw_{v,h} = <dy, val_v>_h + dW_v / H;
- *             dl = w (dw - sum_v w dw) / sqrt(P C / H);  dk_v = dl q,  dq = sum_v dl_v k_v
+ *             dl = w (dw - sum_v w dw) / sqrt(P C / H), made as in heads.h;
+ *             dk_v = dl q,  dq = sum_v dl_v k_v
  *
  * Shapes      q, y [N, S, P C], k, val [N, S, V, P C], W [N, S, V], x [N, S, V, D].
  * Keeps       the weights [N, S, V, H].
@@ -78,23 +79,21 @@ static void backward_point(const attention *t, const lf_node *node, long p)
     const lf_tensor *q = node->in[0], *k = node->in[1], *val = node->in[2];
     const lf_real *mask = t->mask->value + p * views, *dy = node->out[0]->grad + p * n;
     const lf_real *w = t->weight + p * views * heads, *dmean = node->out[1]->grad + p * views;
-    lf_real dw[VIEWS * HEADS], pull[HEADS] = {0};
+    lf_real dw[VIEWS * HEADS];
+    memset(dw, 0, (size_t)(views * heads) * sizeof *dw);
     for (long v = 0; v < views; v++) {
         if (!(mask[v] > 0))
             continue;
         lf_head_products(t->planes, t->c, t->heads, dy, val->value + (p * views + v) * n,
                          dw + v * heads);
-        for (int h = 0; h < heads; h++) {
+        for (int h = 0; h < heads; h++)
             dw[v * heads + h] += dmean[v] / (lf_real)heads;
-            pull[h] += w[v * heads + h] * dw[v * heads + h];
-        }
     }
+    lf_head_softmax_backward(views, heads, t->scale, w, dw);
     for (long v = 0; v < views; v++) {
         const long row = (p * views + v) * n;
         if (!(mask[v] > 0))
             continue;
-        for (int h = 0; h < heads; h++)
-            dw[v * heads + h] = t->scale * w[v * heads + h] * (dw[v * heads + h] - pull[h]);
         if (q->grad)
             lf_head_add(t->planes, t->c, t->heads, dw + v * heads, k->value + row, q->grad + p * n);
         if (k->grad)

@@ -116,20 +116,26 @@ typedef struct turned {
     lf_real *k, *v, *dk, *dv, *da;
 } turned;
 
-/* da_j = <dy, v_j>; dv_j += a_j dy. The return: sum_j a_j da_j. */
+/* da_j = <dy, v_j> less that of the largest weight (see heads.h); dv_j += a_j dy. The return: sum_j
+ * a_j da_j. */
 static lf_real values_back(const attention *t, long head, const lf_real *a, const lf_real *dy,
                            const turned *m)
 {
     const long n = t->d / t->heads, from = head * n * t->wide;
     lf_vec pull = {0};
     for (long j = 0; j < t->wide; j += LF_LANES) {
-        const lf_vec weight = at(a + j), da = mix(n, dy, m->v + from + j, t->wide);
-        pull += weight * da;
-        put(m->da + j, da);
+        const lf_vec weight = at(a + j);
+        put(m->da + j, mix(n, dy, m->v + from + j, t->wide));
         for (long c = 0; c < n; c++) {
             lf_real *dv = m->dv + from + c * t->wide + j;
             put(dv, at(dv) + weight * dy[c]);
         }
+    }
+    const lf_real most = lf_vec_of_largest(t->wide, a, m->da);
+    for (long j = 0; j < t->wide; j += LF_LANES) {
+        const lf_vec da = at(m->da + j) - most;
+        pull += at(a + j) * da;
+        put(m->da + j, da);
     }
     return lf_vec_total(pull);
 }

@@ -335,6 +335,22 @@ static long features_of(const lf_lanes *lanes, long b, long r, long l, long c)
     return ((b * LF_LANES + l) * lanes->views + lanes->view[r]) * c;
 }
 
+/* dt += p (dp - sum p dp), of dp less that of the largest share (see heads.h), in place. */
+static void softmax_views_backward(long first, long last, const lf_real *p, lf_real *dp,
+                                   lf_real *dt)
+{
+    lf_vec largest = {0}, most = {0};
+    for (long r = first; r < last; r++) {
+        most = lf_vec_select(at(p, r) > largest, at(dp, r), most);
+        largest = lf_vec_max(at(p, r), largest);
+    }
+    for (long r = first; r < last; r++)
+        put(dp, r, at(dp, r) - most);
+    const lf_vec pull = inner(first, last, p, dp);
+    for (long r = first; r < last; r++)
+        add(dt, r, at(p, r) * (at(dp, r) - pull));
+}
+
 static void colour_backward(const lf_node *node)
 {
     const colours *k = node->saved;
@@ -354,9 +370,8 @@ static void colour_backward(const lf_node *node)
                         x->grad[from + i] += g[i] * k->share[r * LF_LANES + l];
                 }
             }
-        const lf_vec pull = inner(first, last, k->share, dp);
-        for (long r = first; t->grad && r < last; r++)
-            add(t->grad, r, at(k->share, r) * (at(dp, r) - pull));
+        if (t->grad)
+            softmax_views_backward(first, last, k->share, dp, t->grad);
     }
 }
 

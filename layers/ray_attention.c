@@ -3,7 +3,8 @@
  *   l_{v,h} = (sum_{c in h} q0_c k0_vc + sum_{a, c in h} q1_ac k1_vac) / sqrt(D)
  *   w = softmax over the views that see the point;  o0_c = sum_v w_{v,h(c)} v0_vc, o1 alike
  *   backward   dval_v = w_v do;  dw_{v,h} = <do, val_v>_h;
- *              dl = w (dw - sum_v w dw);  dk_v = dl q / sqrt(D),  dq = sum_v dl_v k_v / sqrt(D)
+ *              dl = w (dw - sum_v w dw), made as in heads.h;
+ *              dk_v = dl q / sqrt(D),  dq = sum_v dl_v k_v / sqrt(D)
  *
  * Shapes     q0 [Q, C0], q1 [Q, 3, C1], kv0 [Q, V, 2 C0], kv1 [Q, V, 3, 2 C1]; o0 [Q, C0],
  *            o1 [Q, 3, C1]. Heads split the channels of both types evenly.
@@ -15,6 +16,7 @@
  * first, so that all inner loops run over contiguous channels.
  */
 #include "layers/attention_lanes.h"
+#include "layers/heads.h"
 
 enum { CHANNELS = 512, HEADS = 32, VIEWS = LF_ATTENTION_VIEWS };
 
@@ -166,18 +168,18 @@ static void backward_lanes(const attention *t, const lf_node *node, long q)
     const long views = t->rays.views;
     lf_tensor *const *in = node->in;
     lf_lane_value g[2], query[2], ray[2], dq[2] = {{{{0}}}};
-    lf_vec w[VIEWS], dw[VIEWS], mean = {0};
+    lf_vec w[VIEWS], dw[VIEWS];
     load_point(t, node->out[0]->grad, t->c1 ? node->out[1]->grad : NULL, q, g);
     load_point(t, in[0]->value, t->c1 ? in[1]->value : NULL, q, query);
     for (long v = 0; v < views; v++) {
         load_ray(t, in, q, v, 1, ray);
         w[v] = lf_vec_load_part(t->weight + (q * views + v) * t->heads, t->heads);
         dw[v] = both_products(t, g, ray);
-        mean += w[v] * dw[v];
     }
+    lf_lane_softmax_backward(views, t->scale, w, dw);
     for (long v = 0; v < views; v++)
         if (t->rays.mask->value[q * views + v] > 0)
-            backward_lane_ray(t, in, q, v, t->scale * w[v] * (dw[v] - mean), w[v], query, g, dq);
+            backward_lane_ray(t, in, q, v, dw[v], w[v], query, g, dq);
     const lf_vec one = lf_vec_all(1);
     if (in[0]->grad)
         lf_lane_add(&t->type[0], one, &dq[0], in[0]->grad + q * t->c0, 0);
@@ -252,21 +254,16 @@ static void backward_point(const attention *t, const lf_node *node, long q)
     const lf_real *g0 = node->out[0]->grad + q * c0;
     const lf_real *g1 = c1 ? node->out[1]->grad + 3 * q * c1 : NULL;
     const lf_real *w = t->weight + q * views * heads;
-    lf_real dw[VIEWS * HEADS], mean[HEADS] = {0};
+    lf_real dw[VIEWS * HEADS];
     for (long v = 0; v < views; v++) {
         const long qv = q * views + v;
         head_products(t, g0, g1, node->in[2]->value + 2 * qv * c0 + c0,
                       c1 ? node->in[3]->value + 6 * qv * c1 + c1 : NULL, dw + v * heads);
-        for (int h = 0; h < heads; h++)
-            mean[h] += w[v * heads + h] * dw[v * heads + h];
     }
-    for (long v = 0; v < views; v++) {
-        if (!(t->rays.mask->value[q * views + v] > 0))
-            continue;
-        for (int h = 0; h < heads; h++)
-            dw[v * heads + h] = t->scale * w[v * heads + h] * (dw[v * heads + h] - mean[h]);
-        backward_ray(t, node, q, v, dw + v * heads);
-    }
+    lf_head_softmax_backward(views, heads, t->scale, w, dw);
+    for (long v = 0; v < views; v++)
+        if (t->rays.mask->value[q * views + v] > 0)
+            backward_ray(t, node, q, v, dw + v * heads);
 }
 
 static void backward(const lf_node *node)

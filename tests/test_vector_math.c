@@ -1,10 +1,12 @@
-/* test_vector_math.c: exp, expm1, sigmoid and ELU of vectors against libm in long double. */
+/* test_vector_math.c: exp, expm1, sigmoid and ELU of vectors against libm in long double; the place
+ * of the largest number. */
 #include <float.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -115,8 +117,30 @@ static void extremes(void **state)
     assert_true(isnan(at(fast_expm1, nan)) && isnan(at(fast_elu, nan)));
 }
 
+/* The largest number at every place, also twice; none at all. */
+static void of_largest(void **state)
+{
+    (void)state;
+    enum { N = 3 * LF_LANES };
+    lf_real w[N], x[N];
+    for (int at = 0; at < N; at++) {
+        for (int i = 0; i < N; i++) {
+            w[i] = (lf_real)(0.5 / (1 + i % 5));
+            x[i] = (lf_real)i;
+        }
+        w[at] = 2;
+        assert_true(lf_vec_of_largest(N, w, x) == (lf_real)at);
+        w[(at + 5) % N] = 2;
+        const lf_real either = lf_vec_of_largest(N, w, x);
+        assert_true(either == (lf_real)at || either == (lf_real)((at + 5) % N));
+    }
+    memset(w, 0, sizeof w);
+    assert_true(lf_vec_of_largest(N, w, x) == 0);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(accuracy), cmocka_unit_test(extremes)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(accuracy), cmocka_unit_test(extremes),
+                                       cmocka_unit_test(of_largest)};
     return cmocka_run_group_tests_name("vector_math", tests, NULL, NULL);
 }

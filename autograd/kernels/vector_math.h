@@ -209,6 +209,25 @@ LF_INLINE lf_real lf_vec_total(lf_vec v)
     return v[0];
 }
 
+/* x[i] of the largest w[i] > 0 of n numbers, n in whole vectors; 0 if there is none. */
+LF_INLINE lf_real lf_vec_of_largest(long n, const lf_real *w, const lf_real *x)
+{
+    const lf_vec_bits p = LF_VEC_COUNT;
+    lf_vec largest = {0}, found = {0};
+    for (long i = 0; i < n; i += LF_LANES) {
+        const lf_vec here = lf_vec_load(w + i);
+        found = lf_vec_select(here > largest, lf_vec_load(x + i), found);
+        largest = lf_vec_max(largest, here);
+    }
+#pragma GCC unroll 4
+    for (int h = LF_LANES / 2; h > 0; h /= 2) {
+        const lf_vec other = __builtin_shuffle(largest, p ^ h);
+        found = lf_vec_select(other > largest, __builtin_shuffle(found, p ^ h), found);
+        largest = lf_vec_max(largest, other);
+    }
+    return found[0];
+}
+
 /* Transpose LF_LANES vectors in place. */
 LF_INLINE void lf_vec_transpose(lf_vec v[LF_LANES])
 {
