@@ -1,5 +1,6 @@
 /* main.c: elf-bench [CASE...] [--json FILE] [--picture FILE] [--scaling] [--memory] ...
  *         elf-bench --ratio CASE OTHER
+ *         elf-bench stability [CASE...]: stability_report.h
  *         elf-bench --reference CASE, --once CASE: to a pipe, for another elf-bench
  *
  * Times each case alternately with the machine's limits and reports the best of both: what a
@@ -13,6 +14,7 @@
 #include "autograd/kernels/vector.h"
 #include "bench/picture.h"
 #include "bench/report.h"
+#include "bench/stability_report.h"
 
 static const lf_bench_table *const tables[] = {
     &lf_bench_limits,       &lf_bench_kernels,
@@ -191,6 +193,7 @@ static void usage(void)
 {
     printf("usage: elf-bench [CASE...] [options]      CASE: the beginning of a case's name\n"
            "       elf-bench --ratio CASE OTHER       how many times longer CASE takes, in turn\n"
+           "       elf-bench stability --help         errors of hard cases\n"
            "  --list          name all cases; those of the paper's size run only when named\n"
            "  --exact         CASE is a whole name\n"
            "  --threads N     (default: all)\n"
@@ -319,6 +322,8 @@ static lf_status parse(int argc, char **argv, options *o, lf_error *err)
 static lf_status run(int argc, char **argv, lf_error *err)
 {
     options o = {.repeats = 100, .threads = omp_get_max_threads()};
+    if (argc > 1 && strcmp(argv[1], "stability") == 0)
+        return lf_stability_main(argc - 1, argv + 1, err);
     LF_TRY(parse(argc, argv, &o, err));
     omp_set_num_threads(o.threads);
     if (o.reference || o.once)

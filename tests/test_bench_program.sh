@@ -28,6 +28,16 @@ expect 0 '^paper-reconstruct ' "$bench" --list # and has not run it
 expect 0 '^gemm-512 ' "$bench" gemm --list
 [ "$(wc -l <out)" = 2 ] || fail "gemm picks more than gemm-512 and gemm-1024"
 
+### Hard cases
+
+expect 2 'no such case; elf-bench stability --list' "$bench" stability nonsense
+expect 2 'unrecognized option' "$bench" stability --nonsense
+expect 2 'elf-bench compares' "$bench-f64" stability
+expect 2 'no such case' "$bench-f64" stability --reference softmax 99
+expect 0 '^softmax +7 values' "$bench" stability --list
+expect 0 '^softmax +logits 10000 .*yes$' "$bench" stability softmax --check --json hard.json
+grep -q '"case": "softmax"' hard.json || fail "no softmax in hard.json"
+
 ### Errors against double
 
 error='[0-9.]+e-0[5-9]'
