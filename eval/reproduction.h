@@ -30,7 +30,8 @@ int lf_result_figure_of(const char *name);
 typedef struct lf_result {
     char file[256];
     const char *experiment; /* reconstruction, rendering or count */
-    const char *system, *config, *keys, *size, *data, *category, *train, *test, *commit, *of;
+    const char *system, *config, *keys, *size, *size_keys, *data, *category, *train, *test, *commit,
+        *of;
     json_int_t seed, steps, pixels, train_items, test_items, parameters;
     double seconds, peak_rss_mb, flop, flop_forward;
     double figure[LF_RESULT_FIGURES]; /* NaN: not there, or null */

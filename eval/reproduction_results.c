@@ -42,13 +42,13 @@ static lf_status read_run(lf_result *r, lf_error *err)
     json_t *figures;
     if (json_unpack_ex(
             r->json, &e, JSON_STRICT,
-            "{s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s, s:I,s:I,s:I,s:I,s:I,s:I, s:F,s:F, s:o}",
+            "{s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s, s:I,s:I,s:I,s:I,s:I,s:I, s:F,s:F, s:o}",
             "experiment", &r->experiment, "system", &r->system, "config", &r->config, "keys",
-            &r->keys, "size", &r->size, "data", &r->data, "category", &r->category, "train_setting",
-            &r->train, "eval_setting", &r->test, "commit", &r->commit, "seed", &r->seed, "steps",
-            &r->steps, "pixels", &r->pixels, "train_items", &r->train_items, "test_items",
-            &r->test_items, "parameters", &r->parameters, "train_seconds", &r->seconds,
-            "peak_rss_mb", &r->peak_rss_mb, "figures", &figures))
+            &r->keys, "size", &r->size, "size_keys", &r->size_keys, "data", &r->data, "category",
+            &r->category, "train_setting", &r->train, "eval_setting", &r->test, "commit",
+            &r->commit, "seed", &r->seed, "steps", &r->steps, "pixels", &r->pixels, "train_items",
+            &r->train_items, "test_items", &r->test_items, "parameters", &r->parameters,
+            "train_seconds", &r->seconds, "peak_rss_mb", &r->peak_rss_mb, "figures", &figures))
         return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
     if (!json_is_object(figures))
         return lf_fail(err, LF_BAD_INPUT, "figures is no object");
@@ -58,11 +58,11 @@ static lf_status read_run(lf_result *r, lf_error *err)
 static lf_status read_count(lf_result *r, lf_error *err)
 {
     json_error_t e;
-    if (json_unpack_ex(r->json, &e, JSON_STRICT, "{s:s,s:s,s:s,s:s,s:s,s:s,s:s, s:I, s:F,s:F}",
+    if (json_unpack_ex(r->json, &e, JSON_STRICT, "{s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s, s:I, s:F,s:F}",
                        "experiment", &r->experiment, "system", &r->system, "config", &r->config,
-                       "keys", &r->keys, "size", &r->size, "commit", &r->commit, "of", &r->of,
-                       "parameters", &r->parameters, "flop", &r->flop, "flop_forward",
-                       &r->flop_forward))
+                       "keys", &r->keys, "size", &r->size, "size_keys", &r->size_keys, "commit",
+                       &r->commit, "of", &r->of, "parameters", &r->parameters, "flop", &r->flop,
+                       "flop_forward", &r->flop_forward))
         return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
     r->data = r->category = r->train = r->test = "";
     return LF_OK;
@@ -192,13 +192,15 @@ static bool same_cell(const lf_result *a, const lf_result *b)
 /* What seeds of one cell must share. */
 static const char *difference(const lf_result *a, const lf_result *b)
 {
-    return strcmp(a->config, b->config) || strcmp(a->keys, b->keys) ? "config or keys"
-           : a->steps != b->steps                                   ? "steps"
-           : a->pixels != b->pixels                                 ? "pixels"
-           : a->train_items != b->train_items                       ? "train_items"
-           : a->test_items != b->test_items                         ? "test_items"
-           : a->parameters != b->parameters                         ? "parameters"
-                                                                    : NULL;
+    return strcmp(a->config, b->config) || strcmp(a->keys, b->keys) ||
+                   strcmp(a->size_keys, b->size_keys)
+               ? "config or keys"
+           : a->steps != b->steps             ? "steps"
+           : a->pixels != b->pixels           ? "pixels"
+           : a->train_items != b->train_items ? "train_items"
+           : a->test_items != b->test_items   ? "test_items"
+           : a->parameters != b->parameters   ? "parameters"
+                                              : NULL;
 }
 
 static lf_status check_cells(const lf_results *r, lf_error *err)

@@ -37,6 +37,21 @@ void lf_results_print_counts(const lf_results *r, FILE *out)
 
 /* ---- runs ---- */
 
+static bool same_size_keys(const lf_result *a, const lf_result *b)
+{
+    return strcmp(a->size, b->size) == 0 && strcmp(a->size_keys, b->size_keys) == 0;
+}
+
+/* Is result i the first of its system with these keys? */
+static bool new_system(const lf_results *r, long i)
+{
+    for (long j = 0; j < i; j++)
+        if (same_size_keys(&r->result[j], &r->result[i]) &&
+            strcmp(r->result[j].system, r->result[i].system) == 0)
+            return false;
+    return true;
+}
+
 typedef struct range {
     json_int_t low, high;
 } range;
@@ -58,7 +73,7 @@ static void print_range(range a, FILE *out)
 typedef struct summary {
     range steps, pixels, train, test, seed;
     int trainings;
-    double seconds, peak; /* sum over trainings; largest */
+    double seconds, peak, empty; /* sum over trainings; largest; meshes without a surface */
     char commits[256];
 } summary;
 
@@ -86,15 +101,11 @@ static void add_commit(summary *s, const char *commit)
 static summary summary_of(const lf_results *r, long first)
 {
     const lf_result *a = &r->result[first];
-    summary s = {{a->steps, a->steps},
-                 {a->pixels, a->pixels},
-                 {a->train_items, a->train_items},
-                 {a->test_items, a->test_items},
-                 {a->seed, a->seed},
-                 0,
-                 0,
-                 0,
-                 ""};
+    summary s = {.steps = {a->steps, a->steps},
+                 .pixels = {a->pixels, a->pixels},
+                 .train = {a->train_items, a->train_items},
+                 .test = {a->test_items, a->test_items},
+                 .seed = {a->seed, a->seed}};
     for (long i = first; i < r->count; i++) {
         const lf_result *b = &r->result[i];
         if (!same_training(a, b))
@@ -105,6 +116,7 @@ static summary summary_of(const lf_results *r, long first)
         s.test = joined(s.test, b->test_items);
         s.seed = joined(s.seed, b->seed);
         s.peak = fmax(s.peak, b->peak_rss_mb);
+        s.empty += b->figure[lf_result_figure_of("empty")]; /* NaN: renderers */
         add_commit(&s, b->commit);
         if (new_training(r, i)) {
             s.trainings++;
@@ -122,8 +134,31 @@ static void print_run(const lf_result *a, const summary *s, FILE *out)
     print_range(s->train, out);
     print_range(s->test, out);
     print_range(s->seed, out);
-    fprintf(out, " %d | %.0f | %.0f | %s |\n", s->trainings, s->seconds / s->trainings, s->peak,
-            s->commits);
+    fprintf(out, " %d |", s->trainings);
+    if (isnan(s->empty))
+        fputs(" – |", out);
+    else
+        fprintf(out, " %.0f |", s->empty);
+    fprintf(out, " %.0f | %.0f | %s |\n", s->seconds / s->trainings, s->peak, s->commits);
+}
+
+/* The keys that a size adds, each with the systems that it adds them to. */
+static void print_size_keys(const lf_results *r, FILE *out)
+{
+    for (long i = 0; i < r->count; i++) {
+        const lf_result *a = &r->result[i];
+        bool first = true;
+        for (long j = 0; j < i && first; j++)
+            first = !same_size_keys(&r->result[j], a);
+        if (!first)
+            continue;
+        fprintf(out, "\n- %s, %s: `%s`", a->size, a->system,
+                *a->size_keys ? a->size_keys : "nothing");
+        for (long j = i + 1; j < r->count; j++)
+            if (same_size_keys(&r->result[j], a) && new_system(r, j))
+                fprintf(out, "; %s the same", r->result[j].system);
+    }
+    fputs(r->count ? "\n" : "", out);
 }
 
 static bool is_run(const lf_result *a)
@@ -149,12 +184,15 @@ void lf_results_print_runs(const lf_results *r, FILE *out)
         if (runs++ == 0)
             fputs("| size, data | system | config and keys | steps | pixels | training items | "
                   "test items | "
-                  "seeds | trainings | seconds | MB | commit |\n"
-                  "|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+                  "seeds | trainings | empty | seconds | MB | commit |\n"
+                  "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
                   out);
         const summary s = summary_of(r, i);
         print_run(&r->result[i], &s, out);
     }
     if (runs == 0)
         fputs("none yet\n", out);
+    if (r->count)
+        fputs("\nKeys that a size adds to the configs:\n", out);
+    print_size_keys(r, out);
 }
