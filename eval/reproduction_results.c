@@ -2,6 +2,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <math.h>
+#include <stddef.h>
 
 #include "eval/reproduction.h"
 
@@ -36,34 +37,97 @@ static lf_status read_figures(json_t *figures, lf_result *r, lf_error *err)
     return LF_OK;
 }
 
+/* A key of a result: 's' a text, 'I' a whole number, 'F' a number, 'o' an object; where it goes. */
+typedef struct field {
+    const char *key;
+    char type;
+    size_t at;
+} field;
+
+#define FIELD(key, type, member)                                                                   \
+    {                                                                                              \
+        key, type, offsetof(lf_result, member)                                                     \
+    }
+
+static const field run_field[] = {FIELD("experiment", 's', experiment),
+                                  FIELD("system", 's', system),
+                                  FIELD("config", 's', config),
+                                  FIELD("keys", 's', keys),
+                                  FIELD("size", 's', size),
+                                  FIELD("size_keys", 's', size_keys),
+                                  FIELD("data", 's', data),
+                                  FIELD("category", 's', category),
+                                  FIELD("train_setting", 's', train),
+                                  FIELD("eval_setting", 's', test),
+                                  FIELD("commit", 's', commit),
+                                  FIELD("seed", 'I', seed),
+                                  FIELD("steps", 'I', steps),
+                                  FIELD("pixels", 'I', pixels),
+                                  FIELD("train_items", 'I', train_items),
+                                  FIELD("test_items", 'I', test_items),
+                                  FIELD("parameters", 'I', parameters),
+                                  FIELD("train_seconds", 'F', seconds),
+                                  FIELD("peak_rss_mb", 'F', peak_rss_mb),
+                                  {"figures", 'o', 0},
+                                  {NULL, 0, 0}};
+
+static const field count_field[] = {FIELD("experiment", 's', experiment),
+                                    FIELD("system", 's', system),
+                                    FIELD("config", 's', config),
+                                    FIELD("keys", 's', keys),
+                                    FIELD("size", 's', size),
+                                    FIELD("size_keys", 's', size_keys),
+                                    FIELD("commit", 's', commit),
+                                    FIELD("of", 's', of),
+                                    FIELD("parameters", 'I', parameters),
+                                    FIELD("flop_forward", 'F', flop_forward),
+                                    FIELD("flop", 'F', flop),
+                                    {NULL, 0, 0}};
+
+static lf_status read_field(lf_result *r, const field *f, lf_error *err)
+{
+    const json_t *value = json_object_get(r->json, f->key);
+    char *to = (char *)r + f->at;
+    if (!value)
+        return lf_fail(err, LF_BAD_INPUT, "%s is missing", f->key);
+    if (f->type == 's' && json_is_string(value))
+        *(const char **)(void *)to = json_string_value(value);
+    else if (f->type == 'I' && json_is_integer(value))
+        *(json_int_t *)(void *)to = json_integer_value(value);
+    else if (f->type == 'F' && json_is_number(value))
+        *(double *)(void *)to = json_number_value(value);
+    else if (f->type != 'o' || !json_is_object(value))
+        return lf_fail(err, LF_BAD_INPUT, "%s must be %s", f->key,
+                       f->type == 's'   ? "a text"
+                       : f->type == 'I' ? "a whole number"
+                       : f->type == 'F' ? "a number"
+                                        : "an object");
+    return LF_OK;
+}
+
+static lf_status read_fields(lf_result *r, const field *fields, lf_error *err)
+{
+    for (const field *f = fields; f->key; f++)
+        LF_TRY(read_field(r, f, err));
+    for (void *at = json_object_iter(r->json); at; at = json_object_iter_next(r->json, at)) {
+        const field *f = fields;
+        while (f->key && strcmp(f->key, json_object_iter_key(at)) != 0)
+            f++;
+        if (!f->key)
+            return lf_fail(err, LF_BAD_INPUT, "unknown key \"%s\"", json_object_iter_key(at));
+    }
+    return LF_OK;
+}
+
 static lf_status read_run(lf_result *r, lf_error *err)
 {
-    json_error_t e;
-    json_t *figures;
-    if (json_unpack_ex(
-            r->json, &e, JSON_STRICT,
-            "{s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s, s:I,s:I,s:I,s:I,s:I,s:I, s:F,s:F, s:o}",
-            "experiment", &r->experiment, "system", &r->system, "config", &r->config, "keys",
-            &r->keys, "size", &r->size, "size_keys", &r->size_keys, "data", &r->data, "category",
-            &r->category, "train_setting", &r->train, "eval_setting", &r->test, "commit",
-            &r->commit, "seed", &r->seed, "steps", &r->steps, "pixels", &r->pixels, "train_items",
-            &r->train_items, "test_items", &r->test_items, "parameters", &r->parameters,
-            "train_seconds", &r->seconds, "peak_rss_mb", &r->peak_rss_mb, "figures", &figures))
-        return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
-    if (!json_is_object(figures))
-        return lf_fail(err, LF_BAD_INPUT, "figures is no object");
-    return read_figures(figures, r, err);
+    LF_TRY(read_fields(r, run_field, err));
+    return read_figures(json_object_get(r->json, "figures"), r, err);
 }
 
 static lf_status read_count(lf_result *r, lf_error *err)
 {
-    json_error_t e;
-    if (json_unpack_ex(r->json, &e, JSON_STRICT, "{s:s,s:s,s:s,s:s,s:s,s:s,s:s,s:s, s:I, s:F,s:F}",
-                       "experiment", &r->experiment, "system", &r->system, "config", &r->config,
-                       "keys", &r->keys, "size", &r->size, "size_keys", &r->size_keys, "commit",
-                       &r->commit, "of", &r->of, "parameters", &r->parameters, "flop", &r->flop,
-                       "flop_forward", &r->flop_forward))
-        return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
+    LF_TRY(read_fields(r, count_field, err));
     r->data = r->category = r->train = r->test = "";
     return LF_OK;
 }
