@@ -13,6 +13,7 @@
 #include "eval/image_metrics.h"
 #include "eval/make_scene.h"
 #include "eval/render_job.h"
+#include "eval/reproduction.h"
 #include "models/checkpoint.h"
 #include "train/run_dir.h"
 #include "train/openmp.h"
@@ -30,6 +31,8 @@ static void print_help(FILE *out)
         "elf-eval compare-images A B [options]     PSNR, SSIM and LPIPS of two images\n"
         "elf-eval make-scene KIND --out DIR        write a made-up scene: glossy, diffuse or "
         "forward\n"
+        "elf-eval reproduction DIR [--out F.md]    the paper's figures and the results in DIR, a "
+        "table each\n"
         "\n"
         "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
         "  --setting S       I, Z, R, Y or SO3 (default: the training's); renderers: I or SO3, "
@@ -490,6 +493,18 @@ static lf_status run_check_data(const arguments *a, lf_error *err)
     return lf_check_data(a->word[1], a->evaluate.out, a->evaluate.quiet ? NULL : stdout, err);
 }
 
+static lf_status run_reproduction(const arguments *a, lf_error *err)
+{
+    static const int used[] = {OUT, QUIET, 0};
+    if (a->words != 2)
+        return lf_fail(err, LF_BAD_INPUT, "reproduction takes a folder of results");
+    LF_TRY(check_given(a, "reproduction", used, err));
+    LF_TRY(lf_reproduction(a->word[1], a->evaluate.out, err));
+    if (a->evaluate.out && !a->evaluate.quiet)
+        printf("%s\n", a->evaluate.out);
+    return LF_OK;
+}
+
 static lf_status run_make_scene(const arguments *a, lf_error *err)
 {
     static const int used[] = {OUT, LAYOUT, INDEX, SEED, SIZE, MESH, VIEWS, THREADS, QUIET, 0};
@@ -508,6 +523,8 @@ static lf_status run(const arguments *a, lf_error *err)
 {
     if (a->words > 0 && strcmp(a->word[0], "make-scene") == 0)
         return run_make_scene(a, err);
+    if (a->words > 0 && strcmp(a->word[0], "reproduction") == 0)
+        return run_reproduction(a, err);
     if (a->words > 0 && strcmp(a->word[0], "check-data") == 0)
         return run_check_data(a, err);
     if (a->words > 0 && strcmp(a->word[0], "compare-meshes") == 0)

@@ -1,0 +1,65 @@
+/* reproduction.h: elf-eval reproduction: the paper's figures and elf's side by side, as Markdown.
+ *
+ * A folder holds results, a small JSON object a file, and paper.json, which says what tables there
+ * are and what the paper has in them; docs/formats.md has the keys of both. Results of a cell that
+ * differ in their seed alone are joined: mean and sample standard deviation (divisor n - 1). A cell
+ * without a result says "not run". All is in the order of paper.json and of the files' names, so
+ * the page does not depend on the order in which the runs came.
+ */
+#ifndef LF_EVAL_REPRODUCTION_H
+#define LF_EVAL_REPRODUCTION_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include <jansson.h>
+
+#include "autograd/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { LF_RESULT_FIGURES = 7 };
+/* iou, chamfer_l1 (times 10), empty, psnr, ssim, lpips, pixel_variance */
+extern const char *const lf_result_figure[LF_RESULT_FIGURES];
+/* Its number, or -1. */
+int lf_result_figure_of(const char *name);
+
+/* One training in one test setting, or what a model costs. Texts belong to `json`. */
+typedef struct lf_result {
+    char file[256];
+    const char *experiment; /* reconstruction, rendering or count */
+    const char *system, *config, *keys, *size, *size_keys, *data, *category, *train, *test, *commit,
+        *of;
+    json_int_t seed, steps, pixels, train_items, test_items, parameters;
+    double seconds, peak_rss_mb, flop, flop_forward;
+    double figure[LF_RESULT_FIGURES]; /* NaN: not there, or null */
+    json_t *json;
+} lf_result;
+
+typedef struct lf_results {
+    json_t *paper;
+    long count;
+    lf_result *result; /* by file name */
+} lf_results;
+
+/* Read every .json of the folder. LF_BAD_INPUT, naming the file, for what is no JSON, for a key
+ * that is missing, unknown or of the wrong type, for two results of one cell and seed, and for
+ * seeds of one cell that were trained or tested differently. */
+lf_status lf_results_read(const char *folder, lf_results *out, lf_error *err);
+void lf_results_free(lf_results *results);
+
+/* Write the page. `paper` has been checked by lf_results_read. */
+void lf_results_print(const lf_results *results, FILE *out);
+/* Its last two parts: what the models cost, and how the figures came about. */
+void lf_results_print_counts(const lf_results *results, FILE *out);
+void lf_results_print_runs(const lf_results *results, FILE *out);
+
+/* The job: read the folder, replace `path` whole or not at all (NULL: print to stdout). */
+lf_status lf_reproduction(const char *folder, const char *path, lf_error *err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,87 @@
+#!/bin/bash
+# test_reproduce.sh ELF_TRAIN ELF_EVAL SAME_ARRAYS SOURCE: scripts/reproduce with trainings of two steps:
+# a table from nothing, killed half-way and started again, and what is refused.
+. "$(dirname "$0")/programs.sh"
+script=$source/scripts/reproduce
+export OMP_NUM_THREADS=1 # busy machines
+export ELF_BUILD=$here/build
+mkdir -p build/train build/eval && ln -s "$train" build/train/elf-train && ln -s "$eval" build/eval/elf-eval
+reproduce() { "$script" --size test --only ibrnet-sdf --out runs --docs docs "$@"; }
+results() { find "$1" -name 'result-*.json' 2>/dev/null | wc -l; }
+
+### Stopped half-way, by a signal that can be caught and by one that cannot
+
+"$script" --size test --only ibrnet-sdf --out runs --docs docs >out 2>err &
+pid=$!
+for _ in $(seq 600); do [ "$(results runs)" -ge 2 ] && break; sleep 0.05; done
+kill -TERM $pid
+wait $pid
+[ $? = 130 ] || fail "a stopped script does not end with 130"
+first=$(results runs)
+[ "$first" -ge 2 ] && [ "$first" -lt 12 ] || fail "$first results where 2 to 11 were wanted"
+[ -e runs/test/lock ] && fail "the stopped script leaves its lock"
+find runs docs -name 'result-*.json' | xargs md5sum >kept
+
+"$script" --size test --only ibrnet-sdf --out runs --docs docs >out 2>err &
+pid=$!
+for _ in $(seq 600); do [ "$(results runs)" -gt "$first" ] && break; sleep 0.05; done
+expect 2 "process [0-9]+ works there" reproduce
+kill -KILL $pid
+wait $pid 2>/dev/null
+for child in $(sed 's/^[0-9]* *//' runs/test/lock); do # what the killed script was running
+    for _ in $(seq 600); do kill -0 "$child" 2>/dev/null || break; sleep 0.05; done
+done
+
+### To the end; nothing is made twice
+
+expect 0 'run 8 of 8' reproduce
+[ "$(results runs)" = 12 ] || fail "$(results runs) results, not 12"
+md5sum -c --quiet kept >out 2>err || fail "a finished result was made again"
+[ "$(ls docs/reproduction/test-*.json | wc -l)" = 12 ] || fail "not all results are in docs"
+ls docs/reproduction/*.tmp >out 2>&1 && fail "a temporary file stays behind"
+grep -q '^| | elf, test, built-in | 0\.[0-9]* | 0\.[0-9]* | 0\.[0-9]* |$' docs/reproduction.md || fail "no figures on the page"
+grep -q '0.689 | 0.432 | 0.611' docs/reproduction.md || fail "the paper's figures are not on the page"
+cp docs/reproduction.md page.md
+rm docs/reproduction/test-*.json # results come back from the runs
+expect 0 '8 runs, 8 done before' reproduce
+cat out | grep -q '^run ' && fail "a finished run was run again"
+cmp -s page.md docs/reproduction.md || fail "the same results make another page"
+
+# killed before its first checkpoint: a folder without one is begun again
+run=runs/test/built-in/ibrnet-sdf-chair-SO3-0
+rm -rf $run/checkpoints $run/result-*.json $run/trained
+expect 0 '8 runs, 7 done before' reproduce
+[ -e $run/result-SO3.json ] || fail "the run without a checkpoint was not begun again"
+# other keys than it was begun with
+echo "other keys" >$run/arguments
+rm $run/result-SO3.json
+expect 2 'begun with other keys' reproduce
+
+### Counts, lists, refusals
+
+expect 0 'counted' "$script" --size test --only counts --out runs --docs docs
+[ "$(ls docs/reproduction/test-count-*.json | wc -l)" = 14 ] || fail "not every model is counted"
+[ "$("$script" --quick --only table1 --list | wc -l)" = 36 ] || fail "table1 has not 36 trainings"
+[ "$("$script" --only ablation --seeds 2 --list | wc -l)" = 40 ] || fail "the ablation has not 40 trainings with two seeds"
+mkdir -p data/shapes/car data/scenes
+[ "$("$script" --only table1 --data data --list 2>err | grep -c '^files .* car ')" = 12 ] || fail "no cars from files"
+grep -q 'no airplane: left out' err || fail "a missing category is not named"
+[ "$("$script" --only rendering --data data --list | grep -c ^files)" = 4 ] || fail "no scenes from files"
+expect 0 'table1' "$script" --help
+expect 2 '\-\-only table9' "$script" --only table9
+expect 2 '\-\-seeds 0' "$script" --seeds 0
+expect 2 '\-\-size huge' "$script" --size huge
+expect 2 'neither shapes/ nor scenes/' "$script" --data nowhere
+expect 2 'takes a value' "$script" --only
+expect 2 'not an option' "$script" --fast
+cp docs/reproduction/test-built-in-ibrnet-sdf-chair-Y-Y-0.json docs/reproduction/twice.json
+expect 2 'twice\.json' "$eval" reproduction docs/reproduction --out page.md
+expect 2 'folder of results' "$eval" reproduction
+expect 2 'means nothing' "$eval" reproduction docs/reproduction --setting Z
+
+if [ $failures = 0 ]; then
+    echo "all checks of scripts/reproduce passed"
+else
+    echo "$failures checks failed"
+    exit 1
+fi

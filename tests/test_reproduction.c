@@ -1,0 +1,263 @@
+/* test_reproduction.c: the page of figures made of a small made-up folder, and what is refused. */
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "eval/reproduction.h"
+#include "tests/close.h"
+#include "tests/folder.h"
+
+typedef struct folder {
+    char path[64];
+} folder;
+
+static void put(const folder *f, const char *name, const char *text)
+{
+    char path[160];
+    snprintf(path, sizeof path, "%s/%s", f->path, name);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fputs(text, file);
+    assert_int_equal(fclose(file), 0);
+}
+
+static const char paper[] =
+    "{\"paper\": \"P\", \"tables\": [\n"
+    " {\"name\": \"one\", \"title\": \"First\", \"source\": \"Table 9\", \"experiment\":\n"
+    "  \"reconstruction\", \"figures\": [\"iou\", \"chamfer_l1\"], \"settings\": [\"I/I\", "
+    "\"I/Z\"],\n"
+    "  \"rows\": [{\"category\": \"chair\", \"system\": \"ours\", \"label\": \"Ours\",\n"
+    "    \"values\": [[0.7, 0.09], [0.6, null]]},\n"
+    "   {\"category\": \"chair\", \"system\": \"theirs\", \"label\": \"Theirs\"}]},\n"
+    " {\"name\": \"two\", \"title\": \"Second\", \"source\": \"Table 10\", \"experiment\":\n"
+    "  \"rendering\", \"figures\": [\"psnr\", \"lpips\"], \"settings\": [\"I/SO3\"],\n"
+    "  \"rows\": [{\"category\": \"glossy\", \"system\": \"r\", \"label\": \"R\",\n"
+    "    \"values\": [[26.9, 0.1]]}]}]}\n";
+
+/* A result of system "ours" on chairs. */
+static void put_run(const folder *f, const char *name, const char *test, int seed, int steps,
+                    double iou)
+{
+    char text[1024];
+    snprintf(
+        text, sizeof text,
+        "{\"experiment\": \"reconstruction\", \"system\": \"ours\", \"config\": \"c\",\n"
+        "\"keys\": \"\", \"size\": \"tiny\", \"size_keys\": \"a.b=1\", \"data\": \"built-in\",\n"
+        "\"category\": \"chair\", \"train_setting\": \"I\", \"eval_setting\": \"%s\",\n"
+        "\"seed\": %d, \"steps\": %d, \"pixels\": 97, \"train_items\": 400, \"test_items\": 40,\n"
+        "\"parameters\": 43633, \"train_seconds\": %d.5, \"peak_rss_mb\": 200, \"commit\":\n"
+        "\"abc\", \"figures\": {\"iou\": %.17g, \"chamfer_l1\": 0.25, \"empty\": 1}}\n",
+        test, seed, steps, 100 + seed, iou);
+    put(f, name, text);
+}
+
+static int make_folder(void **state)
+{
+    folder *f = calloc(1, sizeof *f);
+    strcpy(f->path, "/tmp/lf_reproduction_XXXXXX");
+    if (!f || !mkdtemp(f->path))
+        return -1;
+    put(f, "paper.json", paper);
+    put_run(f, "a.json", "I", 0, 10, 0.5);
+    put_run(f, "b.json", "I", 1, 10, 0.7);
+    *state = f;
+    return 0;
+}
+
+static int remove_folder(void **state)
+{
+    folder *f = *state;
+    const int left = remove_tree(f->path);
+    free(f);
+    return left;
+}
+
+/* The page; the caller frees it. */
+static char *page_of(const folder *f)
+{
+    lf_results r;
+    lf_error err = {""};
+    char *page;
+    size_t size;
+    if (lf_results_read(f->path, &r, &err) != LF_OK)
+        fail_msg("%s", err.text);
+    FILE *out = open_memstream(&page, &size);
+    lf_results_print(&r, out);
+    fclose(out);
+    lf_results_free(&r);
+    return page;
+}
+
+static void assert_has(const char *page, const char *words)
+{
+    if (!strstr(page, words))
+        fail_msg("no \"%s\" in:\n%s", words, page);
+}
+
+static void assert_refused(const folder *f, const char *words)
+{
+    lf_results r;
+    lf_error err = {""};
+    assert_int_equal(lf_results_read(f->path, &r, &err), LF_BAD_INPUT);
+    assert_has(err.text, words);
+    assert_has(err.text, f->path);
+}
+
+/* mean 0.6, sample deviation 0.2 / sqrt 2; equal Chamfer distances have none */
+static void test_means_and_spread(void **state)
+{
+    char *page = page_of(*state);
+    assert_has(page, "| Ours | paper | 0.700 / 0.090 | 0.600 / – |\n"
+                     "| | elf, tiny, built-in | 0.600 ± 0.141 / 0.250 ± 0.000 | not run |\n");
+    assert_has(page, "| Theirs | paper | – / – | – / – |\n"
+                     "| | elf, tiny, built-in | not run | not run |\n");
+    assert_has(page, "| R | paper | 26.90 / 0.100 |\n| | elf | not run |\n");
+    assert_has(
+        page,
+        "| tiny, built-in | ours | c  | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | 200 | abc |");
+    assert_has(page, "- tiny, ours: `a.b=1`\n");
+    free(page);
+}
+
+static void test_one_seed_has_no_spread(void **state)
+{
+    put_run(*state, "c.json", "Z", 0, 10, 0.4);
+    char *page = page_of(*state);
+    assert_has(page, "0.600 ± 0.141 / 0.250 ± 0.000 | 0.400 / 0.250 |\n");
+    free(page);
+}
+
+static void test_renderers_and_counts(void **state)
+{
+    const folder *f = *state;
+    put(f, "r.json",
+        "{\"experiment\": \"rendering\", \"system\": \"r\", \"config\": \"c\", \"keys\": \"k=1\",\n"
+        "\"size\": \"quick\", \"size_keys\": \"\", \"data\": \"files\", \"category\": \"glossy\",\n"
+        "\"train_setting\": \"I\", \"eval_setting\": \"SO3\", \"seed\": 0, \"steps\": 5, "
+        "\"pixels\": 9,\n"
+        "\"train_items\": 2, \"test_items\": 3, \"parameters\": 4, \"train_seconds\": 1,\n"
+        "\"peak_rss_mb\": 2, \"commit\": \"abc\", \"figures\": {\"psnr\": 31.256, \"ssim\": 0.9,\n"
+        "\"lpips\": null, \"pixel_variance\": 0}}\n");
+    put(f, "n.json",
+        "{\"experiment\": \"count\", \"system\": \"r\", \"config\": \"c\", \"keys\": \"k=1\",\n"
+        "\"size\": \"quick\", \"size_keys\": \"\", \"parameters\": 4, \"of\": \"2 rays\",\n"
+        "\"flop_forward\": 2e9, \"flop\": 6e9, \"commit\": \"abc\"}\n");
+    char *page = page_of(f);
+    assert_has(page, "| | elf, quick, files | 31.26 / – |\n");
+    assert_has(page, "| quick | r | c k=1 | 4 | 2.00 | 6.00 | 2 rays |\n");
+    assert_has(page, "| quick, files | r | c k=1 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | abc |");
+    free(page);
+}
+
+static void test_job_replaces_the_page(void **state)
+{
+    const folder *f = *state;
+    char path[160], line[64];
+    lf_error err = {""};
+    snprintf(path, sizeof path, "%s/page.md", f->path);
+    assert_int_equal(lf_reproduction(f->path, path, &err), LF_OK);
+    FILE *file = fopen(path, "r");
+    assert_non_null(fgets(line, sizeof line, file));
+    fclose(file);
+    assert_string_equal(line, "# Reproduction\n");
+    put(f, "broken.json", "{");
+    assert_int_equal(lf_reproduction(f->path, path, &err), LF_BAD_INPUT);
+    assert_int_equal(access(path, R_OK), 0); /* the old one is still there */
+    assert_int_equal(lf_reproduction("/nowhere/at/all", path, &err), LF_BAD_INPUT);
+}
+
+static void test_bad_results(void **state)
+{
+    static const struct {
+        const char *text, *words;
+    } bad[] = {
+        {"{\"experiment\": \"reconstruction\",\n", "x.json: line 2"},
+        {"[]", "experiment"},
+        {"{\"experiment\": \"dancing\"}", "\"experiment\" must be"},
+        {"{\"experiment\": \"count\", \"system\": \"r\"}", "config"},
+        {"{\"experiment\": \"count\", \"system\": \"r\", \"config\": \"c\", \"keys\": \"\", "
+         "\"size\": \"q\",\n"
+         "\"size_keys\": \"\", \"parameters\": 4, \"of\": \"x\", \"flop_forward\": 2, \"flop\": "
+         "6,\n"
+         "\"commit\": \"abc\", \"colour\": 1}",
+         "colour"},
+        {"{\"experiment\": \"count\", \"system\": \"r\", \"config\": \"c\", \"keys\": \"\", "
+         "\"size\": \"q\",\n"
+         "\"size_keys\": \"\", \"parameters\": \"4\", \"of\": \"x\", \"flop_forward\": 2, "
+         "\"flop\": 6,\n"
+         "\"commit\": \"abc\"}",
+         "parameters"},
+        {"{\"experiment\": \"count\", \"experiment\": \"count\"}", "duplicate"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        put(*state, "x.json", bad[i].text);
+        assert_refused(*state, bad[i].words);
+        assert_refused(*state, "x.json");
+    }
+}
+
+static void test_seeds_that_do_not_belong_together(void **state)
+{
+    put_run(*state, "c.json", "I", 1, 10, 0.4);
+    assert_refused(*state, "b.json and c.json: the same run and seed twice");
+    put_run(*state, "c.json", "I", 2, 11, 0.4);
+    assert_refused(*state, "differ in steps");
+}
+
+static void test_bad_paper(void **state)
+{
+    static const char head[] =
+        "{\"paper\": \"P\", \"tables\": [{\"name\": \"one\", \"title\": \"F\",\n"
+        "\"source\": \"T\", \"experiment\": \"reconstruction\", ";
+    static const struct {
+        const char *rest, *words;
+    } bad[] = {
+        {"\"figures\": [\"iou\"], \"settings\": [\"II\"], \"rows\": []}]}", "training/test"},
+        {"\"figures\": [\"depth\"], \"settings\": [\"I/I\"], \"rows\": []}]}", "depth"},
+        {"\"figures\": [], \"settings\": [\"I/I\"], \"rows\": []}]}", "list of texts"},
+        {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": [{\"category\": \"c\", "
+         "\"system\":\n"
+         "\"s\", \"label\": \"l\", \"values\": [[1], [2]]}]}]}",
+         "2 values for 1"},
+        {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": [{\"category\": \"c\", "
+         "\"system\":\n"
+         "\"s\", \"label\": \"l\", \"values\": [[1, 2]]}]}]}",
+         "value 1 must be 1 figures"},
+        {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": [], \"more\": 1}]}", "more"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        char text[1024];
+        snprintf(text, sizeof text, "%s%s", head, bad[i].rest);
+        put(*state, "paper.json", text);
+        assert_refused(*state, bad[i].words);
+        assert_refused(*state, "paper.json");
+    }
+}
+
+/* The paper's own tables, as they stand in the repository. */
+static void test_stored_results(void **state)
+{
+    lf_results r;
+    lf_error err = {""};
+    if (lf_results_read(*state, &r, &err) != LF_OK)
+        fail_msg("%s", err.text);
+    assert_int_equal(json_array_size(json_object_get(r.paper, "tables")), 4);
+    lf_results_free(&r);
+}
+
+int main(int argc, char **argv)
+{
+    assert_int_equal(argc, 2);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_means_and_spread, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_one_seed_has_no_spread, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_renderers_and_counts, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_job_replaces_the_page, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_bad_results, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_seeds_that_do_not_belong_together, make_folder,
+                                        remove_folder),
+        cmocka_unit_test_setup_teardown(test_bad_paper, make_folder, remove_folder),
+        cmocka_unit_test_prestate(test_stored_results, argv[1]),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
