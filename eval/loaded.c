@@ -1,5 +1,6 @@
 /* loaded.c: a model from its checkpoint. See evaluate.h. */
 #include "eval/evaluate.h"
+#include "eval/some_views.h"
 #include "models/checkpoint.h"
 #include "train/run_dir.h"
 
@@ -47,13 +48,24 @@ void lf_loaded_close(lf_loaded *l)
     *l = (lf_loaded){0};
 }
 
+/* The views that are used: eval.sources of them, or all. */
+static int views_used(const lf_loaded *l, int view[V])
+{
+    const int sources = (int)lf_config_int(l->cfg, "eval.sources"), used = sources ? sources : V;
+    lf_some_views(used, view);
+    return used;
+}
+
 void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
 {
     const lf_recon_config *c = &l->model.config;
-    const long n = V * c->image_size * c->image_size * c->backbone.in_channels;
+    int view[V];
+    const int used = views_used(l, view);
+    const long each = c->image_size * c->image_size * c->backbone.in_channels, n = used * each;
     float *pixels = malloc((size_t)n * sizeof *pixels);
     LF_REQUIRE(pixels, "out of memory for %ld pixels", n);
-    lf_shapes_pixels(views->images, n, pixels);
+    for (int i = 0; i < used; i++)
+        lf_shapes_pixels(views->images + view[i] * each, each, pixels + i * each);
     /* the features refer to the image (it is sampled too), which must stay until the next call */
     free(l->image);
     l->image = malloc((size_t)n * sizeof *l->image);
@@ -61,16 +73,20 @@ void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
     for (long i = 0; i < n; i++)
         l->image[i] = (lf_real)pixels[i];
     free(pixels);
-    lf_recon_encode(l->work, V, l->image);
+    lf_recon_encode(l->work, used, l->image);
 }
 
 void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const double (*point)[3],
-                       float *sdf, uint8_t *valid)
+                       lf_real *sdf, uint8_t *valid)
 {
     const double scale = lf_config_real(l->cfg, "loss.scale");
+    int view[V];
+    const int used = views_used(l, view);
     lf_projection p = lf_projection_create(n);
     lf_projection_fill(&p, 0, n, point, views, 0);
-    const lf_recon_points points = {n, V, p.uv, p.direction, p.distance, p.mask, p.first};
+    if (used < V)
+        lf_keep_views(&p, n, used, view);
+    const lf_recon_points points = {n, used, p.uv, p.direction, p.distance, p.mask, p.first};
     lf_recon_predict(l->work, &points, scale, sdf, valid);
     lf_projection_free(&p);
 }

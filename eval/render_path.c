@@ -55,7 +55,7 @@ lf_status lf_render_path(lf_loaded_renderer *l, const lf_render_job *job, lf_err
     LF_TRY(lf_path_kind_parse(job->path, &kind, err));
     if (!job->out)
         return lf_fail(err, LF_BAD_INPUT, "--path %s: give --out for the frames", job->path);
-    LF_TRY(lf_render_job_scenes(l, job->split, &set, err));
+    LF_TRY(lf_render_job_scenes(l->cfg, job->split, &set, err));
     lf_status status = LF_OK;
     const long scenes = job->scenes > 0 && job->scenes < set->count ? job->scenes : set->count;
     for (long i = 0; status == LF_OK && i < scenes; i++)
@@ -125,7 +125,7 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
                           lf_error *err)
 {
     lf_scene_set *set;
-    LF_TRY(lf_render_job_scenes(l, job->split, &set, err));
+    LF_TRY(lf_render_job_scenes(l->cfg, job->split, &set, err));
     json_t *rows = json_array();
     lf_status status = LF_OK;
     if (!job->quiet)

@@ -55,10 +55,10 @@ typedef struct lf_render_savings {
 lf_render_savings lf_render_savings_none(void);
 
 typedef struct lf_ray_image {
-    float *colour;  /* [N, 3] */
-    float *depth;   /* [N] mean depth (along the camera's axis) of what the ray meets, or far */
-    float *opacity; /* [N] */
-    long rows;      /* (sample, view) pairs that a network computed */
+    lf_real *colour;  /* [N, 3] */
+    lf_real *depth;   /* [N] mean depth (along the camera's axis) of what the ray meets, or far */
+    lf_real *opacity; /* [N] */
+    long rows;        /* (sample, view) pairs that a network computed */
 } lf_ray_image;
 
 /* Render the rays into out's arrays, the caller's. Rays are spread over threads inside. */

@@ -414,10 +414,10 @@ static void predict_is_the_model(void **state)
     lf_projection p = lf_projection_create(Q);
     lf_projection_fill(&p, 0, Q, (const double(*)[3])s->point, &s->views, 0);
     const lf_recon_points points = points_of(&p);
-    float first[Q];
+    lf_real first[Q];
     for (long tile = 1; tile <= 64; tile *= 8) {
         lf_recon_work *work = lf_recon_work_create(&n.model, tile);
-        float sdf[Q];
+        lf_real sdf[Q];
         uint8_t valid[Q];
         lf_recon_encode(work, V, s->image);
         lf_recon_predict(work, &points, 10, sdf, valid);
