@@ -198,19 +198,28 @@ static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o
     return status;
 }
 
+lf_status lf_evaluated_shapes(const lf_config *cfg, const char *split, const char *setting,
+                              lf_setting *used, lf_shapes **out, lf_error *err)
+{
+    lf_shapes_options data = lf_shapes_options_from(cfg, split);
+    if (strcmp(split, "train") == 0)
+        data.draws = 1;
+    if (setting)
+        LF_TRY(lf_setting_parse(setting, &data.views.setting, err));
+    if (used)
+        *used = data.views.setting;
+    return lf_shapes_open(&data, out, err);
+}
+
 lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_error *err)
 {
-    lf_shapes_options data = lf_shapes_options_from(loaded->cfg, options->split);
-    if (strcmp(options->split, "train") == 0)
-        data.draws = 1;
-    if (options->setting)
-        LF_TRY(lf_setting_parse(options->setting, &data.views.setting, err));
-    if (options->out)
-        LF_TRY(lf_make_folders(options->out, err));
+    lf_setting setting;
     lf_shapes *shapes;
-    LF_TRY(lf_shapes_open(&data, &shapes, err));
-    const lf_status status =
-        evaluate_shapes(loaded, options, shapes, lf_setting_name(data.views.setting), err);
+    LF_TRY(
+        lf_evaluated_shapes(loaded->cfg, options->split, options->setting, &setting, &shapes, err));
+    lf_status status = options->out ? lf_make_folders(options->out, err) : LF_OK;
+    if (status == LF_OK)
+        status = evaluate_shapes(loaded, options, shapes, lf_setting_name(setting), err);
     lf_shapes_close(shapes);
     return status;
 }

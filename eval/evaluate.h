@@ -55,6 +55,11 @@ typedef struct lf_evaluate_options {
     bool dense, quiet, exact;
 } lf_evaluate_options;
 
+/* The shapes of a split in a setting (NULL: the training's), which *used, unless NULL, tells; the
+ * caller closes them. Errors of lf_setting_parse and lf_shapes_open. */
+lf_status lf_evaluated_shapes(const lf_config *cfg, const char *split, const char *setting,
+                              lf_setting *used, lf_shapes **out, lf_error *err);
+
 /* Score every shape. LF_BAD_INPUT for a setting, split or data that do not exist. */
 lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_error *err);
 
