@@ -1,6 +1,7 @@
 /* measure.c: see measure.h. */
 #include <malloc.h>
 #include <math.h>
+#include <time.h>
 
 #include "eval/measure.h"
 #include "eval/metrics.h"
@@ -38,10 +39,25 @@ static double resident_mb(const char *field)
     return kib * 1024e-6;
 }
 
+/* Of all threads of this process so far. */
+static double cpu_now(void)
+{
+    struct timespec t = {0};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
 static void start_item(lf_raw *raw, lf_raw_item *item)
 {
     raw->whole_process |= !reset_peak();
     item->before_mb = resident_mb("VmRSS:");
+    item->cpu_seconds = -cpu_now();
+}
+
+static void end_item(lf_raw_item *item)
+{
+    item->cpu_seconds += cpu_now();
+    item->peak_mb = resident_mb("VmHWM:");
 }
 
 /* ---- reconstruction --------------------------------------------------------------------------
@@ -85,7 +101,7 @@ static lf_status measure_shape(lf_loaded *l, const lf_shapes *shapes, long index
     start_item(raw, item);
     lf_predicted p;
     LF_TRY(lf_predicted_mesh(l, &views, edge, false, &p, err));
-    item->peak_mb = resident_mb("VmHWM:");
+    end_item(item);
     item->seconds = p.seconds;
     item->work = (double)p.iso.evaluations;
     item->mesh = p.mesh;
@@ -126,7 +142,7 @@ static lf_status measure_view(lf_loaded_renderer *l, const lf_render_item *view,
     LF_TRY(lf_render_view_open(view->entry, view->target, &options, &v, err));
     start_item(raw, item);
     lf_rendering r = lf_render_whole(l, &v);
-    item->peak_mb = resident_mb("VmHWM:");
+    end_item(item);
     item->seconds = r.seconds;
     item->work = (double)r.rows;
     item->numbers = 3L * v.camera.width * v.camera.height;

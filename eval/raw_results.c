@@ -7,7 +7,7 @@
 #define WHOLE "of the whole process"
 #define EACH "of each item"
 
-enum { NAME = 48, PARTS = 7 };
+enum { NAME = 48, PARTS = 8 };
 
 lf_raw *lf_raw_create(long items)
 {
@@ -64,6 +64,7 @@ static int64_t *wide_faces(const lf_mesh *mesh)
 static void add_item(writer *w, long i, const lf_raw_item *item)
 {
     add(w, i, "seconds", LF_F64, 0, 0, 0, &item->seconds);
+    add(w, i, "cpu_seconds", LF_F64, 0, 0, 0, &item->cpu_seconds);
     add(w, i, "before_mb", LF_F64, 0, 0, 0, &item->before_mb);
     add(w, i, "peak_mb", LF_F64, 0, 0, 0, &item->peak_mb);
     add(w, i, "work", LF_F64, 0, 0, 0, &item->work);
@@ -152,6 +153,7 @@ static lf_status read_item(const reader *r, long i, lf_raw_item *item, lf_error 
     const lf_array *numbers;
     char name[NAME];
     LF_TRY(read_number(r, i, "seconds", &item->seconds, err));
+    LF_TRY(read_number(r, i, "cpu_seconds", &item->cpu_seconds, err));
     LF_TRY(read_number(r, i, "before_mb", &item->before_mb, err));
     LF_TRY(read_number(r, i, "peak_mb", &item->peak_mb, err));
     LF_TRY(read_number(r, i, "work", &item->work, err));

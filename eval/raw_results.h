@@ -1,9 +1,10 @@
 /* raw_results.h: what a network gives for some test items, before anything is scored: the file of
  * elf-eval --measure, which another process reads.                            [docs/formats.md]
  *
- * A safetensors file. Of item i: "i.seconds", "i.before_mb", "i.peak_mb", "i.work" (F64, one each),
- * "i.numbers" [n] (F64; NaN: no opinion), and of a reconstruction "i.vertices" [v, 3] (F64) and
- * "i.faces" [f, 3] (I64). Metadata: "format" = "elf-raw-1", "precision", "items", "memory".
+ * A safetensors file. Of item i: "i.seconds", "i.cpu_seconds", "i.before_mb", "i.peak_mb", "i.work"
+ * (F64, one each), * "i.numbers" [n] (F64; NaN: no opinion), and of a reconstruction "i.vertices"
+ * [v, 3] (F64) and "i.faces" [f, 3] (I64). Metadata: "format" = "elf-raw-1", "precision", "items",
+ * "memory".
  */
 #ifndef LF_EVAL_RAW_RESULTS_H
 #define LF_EVAL_RAW_RESULTS_H
@@ -17,9 +18,10 @@ extern "C" {
 
 typedef struct lf_raw_item {
     double seconds; /* of the network and what follows to a mesh or a picture; no reading of data */
-    double before_mb; /* resident set of the process before, 10^6 bytes */
-    double peak_mb;   /* the largest meanwhile */
-    double work;      /* reconstruction: points evaluated; rendering: (sample, view) pairs */
+    double cpu_seconds; /* of all threads, meanwhile */
+    double before_mb;   /* resident set of the process before, 10^6 bytes */
+    double peak_mb;     /* the largest meanwhile */
+    double work;        /* reconstruction: points evaluated; rendering: (sample, view) pairs */
     long numbers;
     double *number; /* distances at fixed points (NaN: seen by no view), or colours of the pixels */
     lf_mesh *mesh;  /* NULL: a rendering */

@@ -15,7 +15,7 @@ typedef struct trial {
     lf_speed_truth *truth;
     lf_raw *exact;
     lf_speed_report report;
-    double *best; /* [rows][items] seconds */
+    double *best; /* [rows][items][2] seconds, CPU seconds */
     lf_progress progress;
     double started;
     long done;
@@ -29,16 +29,20 @@ static lf_status note(trial *t, long i, bool first, const lf_raw *raw, lf_error 
 {
     lf_speed_row *row = &t->report.row[i];
     const long items = lf_speed_items(t->truth);
-    double *best = t->best + i * items, seconds = 0, above = 0, peak = 0;
+    double *best = t->best + 2 * i * items, seconds = 0, cpu = 0, above = 0, peak = 0;
     if (first)
         LF_TRY(lf_speed_score(t->truth, t->exact, raw, &row->figures, err));
     for (long k = 0; k < items; k++) {
-        best[k] = first ? raw->item[k].seconds : fmin(best[k], raw->item[k].seconds);
-        seconds += best[k] / (double)items;
-        peak = fmax(peak, raw->item[k].peak_mb);
-        above = fmax(above, raw->item[k].peak_mb - raw->item[0].before_mb);
+        const lf_raw_item *item = &raw->item[k];
+        best[2 * k] = first ? item->seconds : fmin(best[2 * k], item->seconds);
+        best[2 * k + 1] = first ? item->cpu_seconds : fmin(best[2 * k + 1], item->cpu_seconds);
+        seconds += best[2 * k] / (double)items;
+        cpu += best[2 * k + 1] / (double)items;
+        peak = fmax(peak, item->peak_mb);
+        above = fmax(above, item->peak_mb - raw->item[0].before_mb);
     }
     row->figures.seconds = seconds;
+    row->figures.cpu_seconds = cpu;
     row->figures.memory_mb = first ? above : fmax(above, row->figures.memory_mb);
     row->figures.peak_mb = first ? peak : fmax(peak, row->figures.peak_mb);
     t->report.whole_process |= raw->whole_process;
@@ -63,8 +67,8 @@ static lf_status measure(trial *t, long i, bool first, lf_error *err)
 static long add_row(trial *t, const lf_speed_setting *s)
 {
     lf_speed_report_add(&t->report, s);
-    t->best =
-        realloc(t->best, (size_t)(t->report.rows * lf_speed_items(t->truth) + 1) * sizeof *t->best);
+    t->best = realloc(t->best, (size_t)(2 * t->report.rows * lf_speed_items(t->truth) + 1) *
+                                   sizeof *t->best);
     LF_REQUIRE(t->best, "out of memory");
     return t->report.rows - 1;
 }

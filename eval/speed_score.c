@@ -231,7 +231,7 @@ static void finish(const lf_speed_truth *t, const differences *d, lf_speed_figur
 lf_status lf_speed_score(const lf_speed_truth *t, const lf_raw *exact, const lf_raw *raw,
                          lf_speed_figures *out, lf_error *err)
 {
-    lf_speed_figures f = {.seconds = NAN, .memory_mb = NAN, .peak_mb = NAN};
+    lf_speed_figures f = {.seconds = NAN, .cpu_seconds = NAN, .memory_mb = NAN, .peak_mb = NAN};
     differences d = {0};
     LF_TRY(check_results(t, exact, raw, err));
     for (long i = 0; i < t->items; i++) {

@@ -10,13 +10,14 @@
 
 /* Means over the items but for the largest ones. */
 typedef struct lf_speed_figures {
-    double seconds;       /* of an item */
-    double memory_mb;     /* most that any item added to what the process held before the first */
-    double peak_mb;       /* largest resident set */
-    double work;          /* reconstruction: points evaluated; rendering: (sample, view) pairs */
-    double error;         /* reconstruction: Chamfer distance, to the surface, between its mesh and
-                             the exact one; rendering: RMS difference of the colours */
-    double point_mean;    /* mean difference of distances at fixed points, or of colours */
+    double seconds;     /* of an item */
+    double cpu_seconds; /* the same of all threads together: what a shared machine disturbs less */
+    double memory_mb;   /* most that any item added to what the process held before the first */
+    double peak_mb;     /* largest resident set */
+    double work;        /* reconstruction: points evaluated; rendering: (sample, view) pairs */
+    double error;       /* reconstruction: Chamfer distance, to the surface, between its mesh and
+                           the exact one; rendering: RMS difference of the colours */
+    double point_mean;  /* mean difference of distances at fixed points, or of colours */
     double point_largest; /* the largest of them */
     double unseen;        /* share of the points that the exact result sees and this does not */
     double metric;        /* IoU against the truth; PSNR against the photograph, dB */

@@ -252,7 +252,8 @@ static void raw_results_come_back(void **state)
     lf_raw *raw = lf_raw_create(2), *back;
     double number[] = {1, NAN, 1e-300};
     snprintf(raw->precision, sizeof raw->precision, "f64");
-    raw->item[0] = (lf_raw_item){.seconds = 0.5, .before_mb = 7, .peak_mb = 8, .work = 9};
+    raw->item[0] =
+        (lf_raw_item){.seconds = 0.5, .cpu_seconds = 1, .before_mb = 7, .peak_mb = 8, .work = 9};
     raw->item[1].numbers = 3;
     raw->item[1].number = malloc(sizeof number);
     memcpy(raw->item[1].number, number, sizeof number);
@@ -265,7 +266,8 @@ static void raw_results_come_back(void **state)
     assert_string_equal(back->precision, "f64");
     assert_false(back->whole_process);
     assert_int_equal(back->items, 2);
-    assert_true(back->item[0].seconds == 0.5 && back->item[0].before_mb == 7);
+    assert_true(back->item[0].seconds == 0.5 && back->item[0].cpu_seconds == 1 &&
+                back->item[0].before_mb == 7);
     assert_true(back->item[0].peak_mb == 8 && back->item[0].work == 9);
     assert_null(back->item[0].mesh);
     assert_int_equal(back->item[0].numbers, 0);

@@ -73,7 +73,7 @@ below() { awk -v x="$1" -v most="$2" 'BEGIN { exit !(x != "" && x + 0 <= most + 
 check_report() {
     local name
     for name in experiment family model split items threads repeats metric tolerance definitions settings recommended \
-        seconds memory_mb peak_rss_mb work error mean_difference largest_difference front seconds_error command; do
+        seconds cpu_seconds memory_mb peak_rss_mb work error mean_difference largest_difference front seconds_error command; do
         grep -q "\"$name\":" "$1" || fail "no $name in $1"
     done
     [ "$(value "$1" exact error)" = 0.0 ] || fail "the exact result has an error in $1"
