@@ -2,6 +2,7 @@
 #include "eval/evaluate.h"
 #include "eval/some_views.h"
 #include "models/checkpoint.h"
+#include "train/recon_data.h"
 #include "train/run_dir.h"
 
 enum { V = LF_CUBE_VIEWS };
@@ -73,7 +74,15 @@ void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
     for (long i = 0; i < n; i++)
         l->image[i] = (lf_real)pixels[i];
     free(pixels);
-    lf_recon_encode(l->work, used, l->image);
+    lf_seen_grid grid = lf_seen_grid_create(&l->model, 1);
+    lf_seen_grid_fill(&grid, 0, views, 0);
+    if (used < V && grid.count > 0) {
+        lf_keep_views(&grid.projection, grid.count, used, view);
+        grid.points.views = used;
+    }
+    const lf_recon_images images = {used, used, l->image, lf_seen_grid_points(&grid)};
+    lf_recon_encode(l->work, &images);
+    lf_seen_grid_free(&grid);
 }
 
 void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const double (*point)[3],
@@ -84,9 +93,10 @@ void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const 
     const int used = views_used(l, view);
     lf_projection p = lf_projection_create(n);
     lf_projection_fill(&p, 0, n, point, views, 0);
+    lf_recon_points points = lf_seen_points(&p, n);
     if (used < V)
         lf_keep_views(&p, n, used, view);
-    const lf_recon_points points = {n, used, p.uv, p.direction, p.distance, p.mask, p.first};
+    points.views = used;
     lf_recon_predict(l->work, &points, scale, sdf, valid);
     lf_projection_free(&p);
 }

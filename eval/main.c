@@ -137,7 +137,7 @@ static lf_status run_renderer(const lf_arguments *a, const char *checkpoint, lf_
 static lf_status run_speed(const lf_arguments *a, const char *checkpoint, lf_config *cfg,
                            lf_error *err)
 {
-    const bool renders = !lf_config_is(cfg, "model.type", "equivariant");
+    const bool renders = lf_config_renders(cfg);
     const int used[] = {OPT_CHECKPOINT,
                         OPT_SPLIT,
                         OPT_SHAPES,
@@ -203,7 +203,7 @@ static lf_status run_model(const lf_arguments *a, lf_error *err)
             fprintf(stderr, "elf-eval: %s\n", found.note);
         status = run_speed(a, found.checkpoint, cfg, err);
         lf_config_free(cfg);
-    } else if (status == LF_OK && lf_config_is(cfg, "model.type", "equivariant")) {
+    } else if (status == LF_OK && !lf_config_renders(cfg)) {
         lf_config_free(cfg);
         status = run_recon(a, err);
     } else if (status == LF_OK) {

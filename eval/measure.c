@@ -159,7 +159,7 @@ lf_status lf_measure_views(lf_loaded_renderer *l, const lf_measure_options *o, l
 {
     lf_scene_set *set;
     long items;
-    LF_TRY(lf_render_job_scenes(l->cfg, o->split, &set, err));
+    LF_TRY(lf_render_job_scenes(l->cfg, o->split, true, &set, err));
     lf_render_item *view = lf_render_items(l->cfg, o->split, o->items, set, &items);
     lf_raw *raw = lf_raw_create(items);
     snprintf(raw->precision, sizeof raw->precision, "%s", LF_REAL_NAME);

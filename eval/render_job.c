@@ -2,6 +2,7 @@
 #include <limits.h>
 
 #include "eval/render_job.h"
+#include "eval/file_names.h"
 #include "eval/image_metrics.h"
 #include "eval/render_montage.h"
 #include "eval/render_report.h"
@@ -22,6 +23,8 @@ typedef struct evaluation {
     const lf_render_job *job;
     lf_lpips *lpips;
     bool turns; /* setting SO3 */
+    const lf_scene_set *set;
+    char **scene, **view; /* names of files: of the scenes, of the views of the scene at work */
     lf_render_report report;
     kept_row *row;
     long rows;
@@ -89,16 +92,17 @@ static lf_status score_baselines(const evaluation *e, const lf_render_view *v,
     return status;
 }
 
+static long number_of(const evaluation *e, const lf_render_view *v)
+{
+    return (long)(v->entry - e->set->entry);
+}
+
 static lf_status write_image(const evaluation *e, const lf_render_view *v, const lf_image *image,
                              const char *what, lf_error *err)
 {
     char path[PATH_MAX];
-    const char *view = v->entry->scene->view[v->target].name;
-    char name[128];
-    snprintf(name, sizeof name, "%s", lf_scene_short_name(view));
-    name[strcspn(name, ".")] = 0;
     const int n = snprintf(path, sizeof path, "%s/%s-%s-%s.png", e->job->out,
-                           lf_scene_short_name(v->entry->name), name, what);
+                           e->scene[number_of(e, v)], e->view[v->target], what);
     if (n < 0 || n >= (int)sizeof path)
         return lf_fail(err, LF_BAD_INPUT, "--out %s: the name is too long", e->job->out);
     return lf_image_write_png(path, image, err);
@@ -115,7 +119,7 @@ static void keep_row(evaluation *e, const lf_render_view *v, lf_rendering *r, lf
                              NULL};
         k->source[i] = lf_picture_of(&p);
     }
-    k->row = (lf_render_row){.scene = strdup(lf_scene_short_name(v->entry->name)),
+    k->row = (lf_render_row){.scene = strdup(e->scene[number_of(e, v)]),
                              .view = strdup(v->entry->scene->view[v->target].name),
                              .psnr = psnr,
                              .sources = (int)v->sources,
@@ -175,7 +179,7 @@ static lf_status finish_view(evaluation *e, const lf_render_view *v, lf_renderin
 {
     if (e->job->baselines)
         LF_TRY(score_baselines(e, v, *truth, f, err));
-    lf_render_report_add(&e->report, lf_scene_short_name(v->entry->name),
+    lf_render_report_add(&e->report, number_of(e, v), e->scene[number_of(e, v)],
                          v->entry->scene->view[v->target].name, f);
     if (!e->job->out)
         return LF_OK;
@@ -209,19 +213,52 @@ static lf_status score_view(evaluation *e, const lf_scene_entry *entry, long tar
     return status;
 }
 
-static lf_status score_scenes(evaluation *e, const lf_scene_set *set, lf_error *err)
+/* Says which split is scored: the training's where a scene has no views of the job's. */
+static void note_split(evaluation *e, long items, const lf_render_item *item)
 {
-    long total;
-    lf_render_item *item =
-        lf_render_items(e->loaded->cfg, e->job->split, e->job->scenes, set, &total);
+    long trained = 0, without = 0, scenes = 0;
+    for (long i = 0; i < items; i++) {
+        const bool first = i == 0 || item[i].entry != item[i - 1].entry;
+        const bool own = strcmp(lf_render_split(item[i].entry, e->job->split), e->job->split) == 0;
+        trained += !own;
+        without += first && !own;
+        scenes += first;
+    }
+    e->report.split = lf_render_split_name(e->job->split, items, trained);
+    if (without && !e->job->quiet)
+        printf("%ld scenes of %ld have no %s views: their training views are scored\n", without,
+               scenes, e->job->split);
+}
+
+static lf_status score_items(evaluation *e, long items, const lf_render_item *item, lf_error *err)
+{
+    const lf_scene *scene = NULL;
     const double started = lf_seconds_now();
-    e->progress = lf_progress_start(stdout, "view", 0, total, e->job->quiet);
     lf_status status = LF_OK;
-    for (long i = 0; status == LF_OK && i < total; i++) {
+    for (long i = 0; status == LF_OK && i < items; i++) {
+        if (scene != item[i].entry->scene) {
+            if (scene)
+                lf_file_names_free(scene->views, e->view);
+            scene = item[i].entry->scene;
+            e->view = lf_view_file_names(scene);
+        }
         status = score_view(e, item[i].entry, item[i].target, err);
         lf_progress_update(&e->progress, i + 1, lf_seconds_now() - started, "PSNR %.2f dB",
-                           lf_render_report_mean(&e->report, NULL).psnr);
+                           lf_render_report_mean(&e->report, -1).psnr);
     }
+    if (scene)
+        lf_file_names_free(scene->views, e->view);
+    return status;
+}
+
+static lf_status score_scenes(evaluation *e, const lf_scene_set *set, lf_error *err)
+{
+    long items;
+    lf_render_item *item =
+        lf_render_items(e->loaded->cfg, e->job->split, e->job->scenes, set, &items);
+    note_split(e, items, item);
+    e->progress = lf_progress_start(stdout, "view", 0, items, e->job->quiet);
+    const lf_status status = score_items(e, items, item, err);
     lf_progress_end(&e->progress);
     free(item);
     return status;
@@ -267,10 +304,13 @@ static lf_status parse_setting(const char *name, bool *turns, lf_error *err)
 static lf_status evaluate(evaluation *e, lf_error *err)
 {
     lf_scene_set *set;
-    LF_TRY(lf_render_job_scenes(e->loaded->cfg, e->job->split, &set, err));
+    LF_TRY(lf_render_job_scenes(e->loaded->cfg, e->job->split, e->job->quiet, &set, err));
+    e->set = set;
+    e->scene = lf_scene_file_names(set);
     lf_status status = score_scenes(e, set, err);
     if (status == LF_OK)
         status = write_results(e, err);
+    lf_file_names_free(set->count, e->scene);
     lf_scene_set_close(set);
     return status;
 }
@@ -288,7 +328,6 @@ lf_status lf_render_evaluate(lf_loaded_renderer *l, const lf_render_job *job, lf
     e.report = (lf_render_report){.model = lf_config_choice(l->cfg, "model.type"),
                                   .train_setting = "I",
                                   .eval_setting = e.turns ? "SO3" : "I",
-                                  .split = job->split,
                                   .sources = (int)lf_render_sources(l),
                                   .samples = (int)(l->model.config.samples + l->model.config.fine),
                                   .lpips = e.lpips};

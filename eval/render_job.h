@@ -36,14 +36,15 @@ typedef struct lf_render_job {
     bool quiet;
 } lf_render_job;
 
-/* Render and score the split's views of every scene; with `out` the pictures go there, as PNG, and
- * montage.png. In setting SO3 every view is rendered in LF_ROTATIONS random frames: figures are
- * means over them, the pixel variance between them. LF_BAD_INPUT: another setting, too few source
- * views, pictures that cannot be read. */
+/* Render and score the split's views of every scene; with `out` the pictures go there, as PNG
+ * (<scene>-<view>-rendered.png, -true.png; names as in file_names.h), and montage.png. In setting
+ * SO3 every view is rendered in LF_ROTATIONS random frames: figures are means over them, the pixel
+ * variance between them. LF_BAD_INPUT: another setting, too few source views, pictures that cannot
+ * be read. */
 enum { LF_ROTATIONS = 6 };
 lf_status lf_render_evaluate(lf_loaded_renderer *loaded, const lf_render_job *job, lf_error *err);
 
-/* Render a path through each scene to <out>/<scene>/frame-%04d.png. */
+/* Render a path through each scene to <out>/<scene>/frame-%04d.png, names as in file_names.h. */
 lf_status lf_render_path(lf_loaded_renderer *loaded, const lf_render_job *job, lf_error *err);
 
 /* Move the frame of some views by `count` random motions (translations to 1000 scene radii) and
@@ -63,7 +64,7 @@ typedef struct lf_rendering {
     lf_real *colour; /* [height][width][3] the same, as the network gave it */
     float *depth;    /* [height][width]; INFINITY: nothing there */
     double seconds;
-    long rows; /* (sample, view) pairs computed */
+    long rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or not */
 } lf_rendering;
 /* What `cfg` allows to leave out. */
 lf_render_savings lf_render_savings_from(const lf_loaded_renderer *loaded);
@@ -72,19 +73,18 @@ lf_rendering lf_render_whole(lf_loaded_renderer *loaded, const lf_render_view *v
 void lf_rendering_free(lf_rendering *r);
 /* The pixels as an image of three channels; the caller frees it. */
 lf_image *lf_picture_of(const lf_pixels *pixels);
+/* The scenes of a split, described on stdout unless `quiet`: those of the training if none are
+ * named for it. The caller closes them. */
+lf_status lf_render_job_scenes(const lf_config *cfg, const char *split, bool quiet,
+                               lf_scene_set **set, lf_error *err);
 /* A view that is evaluated. */
 typedef struct lf_render_item {
     const lf_scene_entry *entry;
     long target;
 } lf_render_item;
-/* Views of the split of at most `scenes` scenes (0: all), of each at most eval.views, evenly over
- * its list; the caller frees them. */
+/* Views of the split of at most `scenes` scenes (0: all), scene after scene, of each at most
+ * eval.views, evenly over its list; the caller frees them. */
 lf_render_item *lf_render_items(const lf_config *cfg, const char *split, long scenes,
                                 const lf_scene_set *set, long *count);
-/* The scenes of a split: those of the training if none are named for it. The caller closes them. */
-lf_status lf_render_job_scenes(const lf_config *cfg, const char *split, lf_scene_set **set,
-                               lf_error *err);
-/* The last part of a scene's name, what a folder can be called. */
-const char *lf_scene_short_name(const char *name);
 
 #endif

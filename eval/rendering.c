@@ -146,12 +146,6 @@ void lf_rendering_free(lf_rendering *r)
 /* ---- scenes and pictures ---------------------------------------------------------------------
  */
 
-const char *lf_scene_short_name(const char *name)
-{
-    const char *slash = strrchr(name, '/');
-    return slash && slash[1] ? slash + 1 : name;
-}
-
 lf_image *lf_picture_of(const lf_pixels *p)
 {
     lf_image *image = lf_image_create(p->width, p->height, 3);
@@ -160,11 +154,17 @@ lf_image *lf_picture_of(const lf_pixels *p)
     return image;
 }
 
-lf_status lf_render_job_scenes(const lf_config *cfg, const char *split, lf_scene_set **set,
-                               lf_error *err)
+lf_status lf_render_job_scenes(const lf_config *cfg, const char *split, bool quiet,
+                               lf_scene_set **set, lf_error *err)
 {
     LF_TRY(lf_render_scenes(cfg, split, NULL, NULL, set, err));
-    return *set ? LF_OK : lf_render_scenes(cfg, "train", NULL, NULL, set, err);
+    if (!*set) {
+        split = "train";
+        LF_TRY(lf_render_scenes(cfg, split, NULL, NULL, set, err));
+    }
+    if (!quiet)
+        lf_render_describe(stdout, split, *set);
+    return LF_OK;
 }
 
 lf_render_item *lf_render_items(const lf_config *cfg, const char *split, long scenes,

@@ -41,6 +41,7 @@ static lf_iso_options iso_options(const lf_config *cfg, double longest_edge, boo
     o.refinements = 0;
     for (long n = o.coarse; n < lf_config_int(cfg, "eval.resolution"); n *= 2)
         o.refinements++;
+    o.lipschitz = lf_config_real(cfg, "eval.lipschitz");
     o.dense = dense;
     return o;
 }

@@ -30,4 +30,5 @@ void lf_keep_views(lf_projection *p, long points, int count, const int *view)
     pack(p->direction, 3 * sizeof *p->direction, points, count, view);
     pack(p->distance, sizeof *p->distance, points, count, view);
     pack(p->mask, sizeof *p->mask, points, count, view);
+    pack(p->bearing, 3 * sizeof *p->bearing, points, count, view);
 }

@@ -204,7 +204,7 @@ static lf_status run(trial *t, const lf_config *cfg, lf_error *err)
 
 lf_status lf_speed_error(const lf_config *cfg, const lf_speed_options *o, lf_error *err)
 {
-    const bool rendering = !lf_config_is(cfg, "model.type", "equivariant");
+    const bool rendering = lf_config_renders(cfg);
     trial t = {.options = o,
                .report = {.rendering = rendering,
                           .model = lf_config_choice(cfg, "model.type"),

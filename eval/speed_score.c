@@ -2,6 +2,7 @@
 #include <math.h>
 
 #include "eval/evaluate.h"
+#include "eval/file_names.h"
 #include "eval/image_metrics.h"
 #include "eval/metrics.h"
 #include "eval/render_job.h"
@@ -49,14 +50,14 @@ static lf_status open_shapes(lf_speed_truth *t, const lf_config *cfg, const char
     return status;
 }
 
-static lf_status open_view(const lf_render_item *view, true_item *item, lf_error *err)
+static lf_status open_view(const lf_render_item *view, const char *scene, true_item *item,
+                           lf_error *err)
 {
     const lf_render_view_options options = {.sources = 1};
-    const lf_scene_entry *e = view->entry;
     lf_render_view v;
-    snprintf(item->name, sizeof item->name, "%.90s %.90s", lf_scene_short_name(e->name),
-             e->scene->view[view->target].name);
-    LF_TRY(lf_render_view_open(e, view->target, &options, &v, err));
+    snprintf(item->name, sizeof item->name, "%.90s %.90s", scene,
+             view->entry->scene->view[view->target].name);
+    LF_TRY(lf_render_view_open(view->entry, view->target, &options, &v, err));
     item->image = lf_picture_of(&v.pixels);
     lf_render_view_release(&v);
     return LF_OK;
@@ -67,12 +68,15 @@ static lf_status open_scenes(lf_speed_truth *t, const lf_config *cfg, const char
 {
     lf_scene_set *set;
     long count;
-    LF_TRY(lf_render_job_scenes(cfg, split, &set, err));
+    LF_TRY(lf_render_job_scenes(cfg, split, true, &set, err));
     lf_render_item *view = lf_render_items(cfg, split, scenes, set, &count);
+    char **scene = lf_scene_file_names(set);
     lf_status status = LF_OK;
     make_room(t, count);
     for (; status == LF_OK && t->items < count; t->items++)
-        status = open_view(&view[t->items], &t->item[t->items], err);
+        status = open_view(&view[t->items], scene[view[t->items].entry - set->entry],
+                           &t->item[t->items], err);
+    lf_file_names_free(set->count, scene);
     free(view);
     lf_scene_set_close(set);
     return status;
@@ -83,7 +87,7 @@ lf_status lf_speed_truth_open(const lf_config *cfg, const char *split, const cha
 {
     lf_speed_truth *t = calloc(1, sizeof *t);
     LF_REQUIRE(t, "out of memory");
-    t->rendering = !lf_config_is(cfg, "model.type", "equivariant");
+    t->rendering = lf_config_renders(cfg);
     t->samples = lf_config_int(cfg, "eval.points");
     const lf_status status = t->rendering ? open_scenes(t, cfg, split, items, err)
                                           : open_shapes(t, cfg, split, setting, items, err);

@@ -82,6 +82,21 @@ static void add_grids(list *l)
     }
 }
 
+/* How steep a field may be that coarse to fine misses nothing of. */
+static void add_slopes(list *l)
+{
+    static const char *const slope[] = {"0.5", "1", "2"};
+    const double now = lf_config_real(l->cfg, "eval.lipschitz");
+    char name[LF_SPEED_NAME];
+    for (int i = 0; i < 3; i++) {
+        const double x = strtod(slope[i], NULL);
+        if (!(x < now) && !(x > now))
+            continue;
+        snprintf(name, sizeof name, "slope %s trusted", slope[i]);
+        set(add(l, "slope", name), "eval.lipschitz=%s", slope[i]);
+    }
+}
+
 /* Views of 3/4, 1/2 and 1/4 of the size, as 32 k + 1 from 33 on; without any of those, of half of
  * it, odd. */
 static void add_image_sizes(list *l)
@@ -120,6 +135,7 @@ static void list_reconstruction(list *l)
         set(s, "eval.sources=0");
     }
     add_grids(l);
+    add_slopes(l);
     if (!all)
         set(add(l, "source views", "all source views"), "eval.sources=0");
     add_views(l, all ? LF_SPEED_VIEWS : sources);
@@ -142,6 +158,8 @@ static void add_samples(list *l)
         snprintf(name, sizeof name, fine > 0 ? "%ld + %ld samples" : "%ld samples", n, more);
         lf_speed_setting *s = add(l, "samples", name);
         set(s, "render.samples=%ld", n);
+        if (n <= lf_config_int(l->cfg, "train.seen_samples")) /* means nothing here, is checked */
+            set(s, "train.seen_samples=%ld", n - 1);
         if (fine > 0)
             set(s, "render.fine_samples=%ld", more);
     }
@@ -249,7 +267,7 @@ lf_speed_setting *lf_speed_settings(const lf_config *cfg, long *count)
 {
     list l = {cfg, calloc(MOST_SETTINGS, sizeof *l.setting), 0};
     LF_REQUIRE(l.setting, "out of memory for settings");
-    if (lf_config_is(cfg, "model.type", "renderer") || lf_config_is(cfg, "model.type", "ibrnet"))
+    if (lf_config_renders(cfg))
         list_rendering(&l);
     else
         list_reconstruction(&l);

@@ -133,7 +133,7 @@ static void gated_backward(const lf_node *node)
     }
     const lf_block_pairs p = {groups, step, step, t->norm, dl, NULL, NULL, 0};
     if (w->grad)
-        lf_block_outer(&p, t->n, t->n, w->grad, t->n, 1);
+        lf_block_outer(&p, t->n, t->n, w->grad);
     if (b->grad)
         lf_block_sums(groups, step, t->n, dl, b->grad);
 }

@@ -140,6 +140,8 @@ static void reconstruction_has_its_savings(void **state)
     expect_key(s, n, "dense grid", "eval.coarse=128");
     expect_key(s, n, "coarse grid 8", "eval.coarse=8");
     expect_key(s, n, "grid of 32 cells an edge", "eval.resolution=32");
+    expect_key(s, n, "slope 2 trusted", "eval.lipschitz=2");
+    assert_null(named(s, n, "slope 1 trusted"));
     expect_key(s, n, "1 source view", "eval.sources=1");
     expect_key(s, n, "4 source views", "eval.sources=4");
     expect_key(s, n, "views of 65 pixels", "data.image_size=65");
@@ -174,13 +176,14 @@ static void rendering_has_its_savings(void **state)
     long n;
     lf_config *cfg =
         config((const char *[]){"model.type=renderer", "data.builtin_scenes=1", "render.samples=24",
-                                "eval.sources=6", "eval.stop=0.02", NULL});
+                                "train.seen_samples=8", "eval.sources=6", "eval.stop=0.02", NULL});
     lf_speed_setting *s = lf_speed_settings(cfg, &n);
     check_settings(cfg, s, n);
     expect_key(s, n, s[LF_SPEED_EXACT].name, "eval.skip_unseen=false");
     expect_key(s, n, s[LF_SPEED_EXACT].name, "eval.stop=0");
     expect_key(s, n, "exact savings only", "eval.skip_unseen=true");
     expect_key(s, n, "6 samples", "render.samples=6");
+    expect_key(s, n, "6 samples", "train.seen_samples=5"); /* the config's is 8 */
     expect_key(s, n, "48 samples", "render.samples=48");
     expect_key(s, n, "4 source views", "eval.sources=4");
     expect_key(s, n, "skip_outside on", "eval.skip_outside=true");
@@ -221,7 +224,7 @@ static void fewer_views_are_kept_packed(void **state)
         lf_projection p = lf_projection_create(POINTS);
         for (int i = 0; i < POINTS * LF_CUBE_VIEWS; i++) {
             p.uv[2 * i] = p.distance[i] = i;
-            p.uv[2 * i + 1] = p.direction[3 * i + 2] = -i;
+            p.uv[2 * i + 1] = p.direction[3 * i + 2] = p.bearing[3 * i] = -i;
             p.mask[i] = (uint8_t)i;
         }
         lf_keep_views(&p, POINTS, count, view);
@@ -231,6 +234,7 @@ static void fewer_views_are_kept_packed(void **state)
                 assert_true(k == 0 || view[k] > view[k - 1]);
                 assert_true(p.uv[2 * to] == from && p.uv[2 * to + 1] == -from);
                 assert_true(p.distance[to] == from && p.direction[3 * to + 2] == -from);
+                assert_true(p.bearing[3 * to] == -from);
                 assert_int_equal(p.mask[to], from);
             }
         lf_projection_free(&p);

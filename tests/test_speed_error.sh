@@ -99,6 +99,12 @@ below 1e-6 "$(value recon.json '1 source view' mean_difference)" "one source vie
 expect 0 'IoU' "$eval" --checkpoint recon --shapes 1 --set eval.sources=2
 expect 0 'IoU' "$eval64" --checkpoint recon --shapes 1
 expect 0 'f64' "$eval64" --version
+# networks that have a grid, or know the whole object, take fewer views, too
+for type in disn fvor ibrnet-sdf; do
+    expect 0 '' "$train" recon.ini --out $type --set model.type=$type --set model.grid=5 --set model.volume=1,1 --set train.steps=2
+    expect 0 'IoU' "$eval" --checkpoint $type --shapes 1 --set eval.sources=2
+done
+expect 0 'recommended' "$eval" --checkpoint fvor --speed-error --shapes 1 --repeats 1
 expect 2 'an object has 8 views' "$eval" --checkpoint recon --set eval.sources=9
 expect 0 '' "$eval" --checkpoint recon --speed-error --shapes 1 --repeats 1 --setting Z --quiet --set eval.sources=4 --json z.json
 [ -s out ] && fail "--quiet prints"

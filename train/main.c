@@ -3,6 +3,7 @@
 #include <omp.h>
 #include <signal.h>
 
+#include "train/count.h"
 #include "train/openmp.h"
 #include "train/run_dir.h"
 #include "train/trainer.h"
@@ -20,6 +21,7 @@ static void print_help(FILE *out)
     fputs(
         "elf-train CONFIG.ini [options]        train a model from a config\n"
         "elf-train --resume RUN_OR_CHECKPOINT  go on with a run; the end is the same, bit for bit\n"
+        "elf-train CONFIG.ini --count          parameters and operations of the model\n"
         "\n"
         "  --out DIR         run folder (default: runs/<name of the config>)\n"
         "  --resume PATH     a run's folder (its newest sound checkpoint) or one checkpoint;\n"
@@ -29,6 +31,8 @@ static void print_help(FILE *out)
         "  --overfit         train on the first batch alone: the loss must go to 0\n"
         "  --check-finite    look for NaN and infinities after every op and name the first "
         "(slower)\n"
+        "  --count           print parameters and operations of the model's parts; train nothing\n"
+        "  --json FILE       with --count: write them to FILE, too\n"
         "  --quiet           print only what went wrong\n"
         "  --help-config     print every key with type, range, default and meaning\n"
         "  --help, --version\n"
@@ -43,9 +47,9 @@ static void print_help(FILE *out)
 enum { MOST_SETS = 256 };
 
 typedef struct arguments {
-    const char *config, *out, *resume, *set[MOST_SETS];
+    const char *config, *out, *resume, *json, *set[MOST_SETS];
     int sets, threads;
-    bool quiet, overfit, check_finite, done;
+    bool quiet, overfit, check_finite, count, done;
 } arguments;
 
 static lf_status parse_option(arguments *a, int option, lf_error *err)
@@ -69,6 +73,12 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         if (*end || end == optarg || n < 1 || n > 1024)
             return lf_fail(err, LF_BAD_INPUT, "--threads %s: give a number from 1 to 1024", optarg);
         a->threads = (int)n;
+        return LF_OK;
+    case 'c':
+        a->count = true;
+        return LF_OK;
+    case 'j':
+        a->json = optarg;
         return LF_OK;
     case 'q':
         a->quiet = true;
@@ -101,6 +111,8 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
                                             {"resume", required_argument, NULL, 'r'},
                                             {"set", required_argument, NULL, 's'},
                                             {"threads", required_argument, NULL, 't'},
+                                            {"count", no_argument, NULL, 'c'},
+                                            {"json", required_argument, NULL, 'j'},
                                             {"quiet", no_argument, NULL, 'q'},
                                             {"overfit", no_argument, NULL, 'O'},
                                             {"check-finite", no_argument, NULL, 'f'},
@@ -121,6 +133,11 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
     if (!a->config && !a->resume)
         return lf_fail(err, LF_BAD_INPUT,
                        "no config given; try elf-train configs/reconstruct-tiny.ini");
+    if (a->json && !a->count)
+        return lf_fail(err, LF_BAD_INPUT, "--json means nothing without --count");
+    if (a->count && (a->resume || a->out || a->overfit || a->check_finite))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "--count trains nothing: give a config, --set and --json alone");
     if (a->config && a->resume)
         return lf_fail(err, LF_BAD_INPUT,
                        "%s and --resume: a resumed run has its config in the checkpoint; leave the "
@@ -172,6 +189,12 @@ static lf_status start(const arguments *a, lf_error *err)
     lf_config *cfg;
     LF_TRY(lf_config_load(a->config, &cfg, err));
     lf_status status = apply_sets(a, cfg, err);
+    if (a->count) {
+        if (status == LF_OK)
+            status = lf_count(cfg, a->quiet ? NULL : stdout, a->json, err);
+        lf_config_free(cfg);
+        return status;
+    }
     char *out = a->out ? strdup(a->out) : default_out(a->config);
     lf_train_options options = {.out = out};
     if (status == LF_OK)

@@ -96,6 +96,7 @@ static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
     if (t->validated) {
         lf_json_real(line, "val_loss", t->validation.loss);
         lf_json_real(line, t->validation.name, t->validation.figure);
+        json_object_set_new(line, "val_split", json_string(t->validation.split));
     }
     if (t->task.log)
         t->task.log(t->task.self, line);
@@ -262,10 +263,10 @@ lf_status lf_train(const lf_config *cfg, const lf_train_options *options, lf_err
 
 void lf_task_create(const lf_config *cfg, const lf_task_options *options, lf_task *out)
 {
-    if (lf_config_is(cfg, "model.type", "equivariant"))
-        lf_task_recon(cfg, options, out);
-    else
+    if (lf_config_renders(cfg))
         lf_task_render(cfg, options, out);
+    else
+        lf_task_recon(cfg, options, out);
 }
 
 void lf_task_free(lf_task *task)
