@@ -67,13 +67,6 @@ void lf_outputs_add(lf_outputs *outputs, const char *name, long count, const lf_
         to[i] = (double)value[i];
 }
 
-void lf_outputs_add_floats(lf_outputs *outputs, const char *name, long count, const float *value)
-{
-    double *to = append(outputs, name, count);
-    for (long i = 0; i < count; i++)
-        to[i] = (double)value[i];
-}
-
 void lf_outputs_add_doubles(lf_outputs *outputs, const char *name, long count, const double *value)
 {
     memcpy(append(outputs, name, count), value, (size_t)count * sizeof *value);

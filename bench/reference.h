@@ -53,7 +53,6 @@ lf_outputs *lf_outputs_create(void);
 void lf_outputs_free(lf_outputs *outputs);
 /* Append a copy of value [count] under a name that is new. */
 void lf_outputs_add(lf_outputs *outputs, const char *name, long count, const lf_real *value);
-void lf_outputs_add_floats(lf_outputs *outputs, const char *name, long count, const float *value);
 void lf_outputs_add_doubles(lf_outputs *outputs, const char *name, long count, const double *value);
 
 /* To and from another program on the same machine. `name` stands for the file in messages. */

@@ -55,15 +55,15 @@ static void step_outputs(lf_bench_work *work, lf_outputs *to)
     step_work *s = (step_work *)work;
     const lf_render_batch batch = batch_of(s);
     const lf_render_savings none = lf_render_savings_none();
-    float *colour = lf_bench_room(s->rays * LF_RGB, sizeof *colour);
-    float *depth = lf_bench_room(2 * s->rays, sizeof *depth);
+    lf_real *colour = lf_bench_room(s->rays * LF_RGB, sizeof *colour);
+    lf_real *depth = lf_bench_room(2 * s->rays, sizeof *depth);
     run_gradient(s);
     lf_outputs_add_doubles(to, "loss", 1, &s->loss);
     lf_outputs_add(to, "gradient", lf_store_size(s->store), lf_store_grads(s->store));
     lf_ray_image image = {colour, depth, depth + s->rays, 0};
     lf_render_encode(s->run, batch.views, batch.source);
     lf_render_rays(s->run, &batch.rays, false, &none, &image);
-    lf_outputs_add_floats(to, "colour", s->rays * LF_RGB, colour);
+    lf_outputs_add(to, "colour", s->rays * LF_RGB, colour);
     free(colour);
     free(depth);
 }

@@ -182,6 +182,9 @@ lf_status lf_config_check(const lf_config *cfg, lf_error *err)
     if (lf_config_is(cfg, "model.type", "fvor"))
         LF_TRY(check_volume(cfg, err));
     LF_TRY(check_data(cfg, err));
+    if (lf_config_int(cfg, "eval.sources") > 8)
+        return lf_fail(err, LF_BAD_INPUT, "eval.sources = %ld: an object has 8 views",
+                       lf_config_int(cfg, "eval.sources"));
     return check_grid(cfg, err);
 }
 

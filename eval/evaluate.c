@@ -2,7 +2,6 @@
 #include <math.h>
 
 #include "eval/evaluate.h"
-#include "eval/isosurface.h"
 #include "eval/montage.h"
 #include "eval/report.h"
 #include "train/progress.h"
@@ -19,43 +18,9 @@ typedef struct subject {
     lf_shape shape;
     lf_shape_views views;
     uint8_t *images;
-    lf_mesh *predicted, *truth;
-    lf_iso_report iso;
-    double seconds; /* from views to mesh */
+    lf_predicted predicted;
+    lf_mesh *truth;
 } subject;
-
-static void predict_field(void *context, long n, const double (*points)[3], float *value,
-                          uint8_t *valid)
-{
-    subject *s = context;
-    lf_loaded_predict(s->loaded, &s->views, n, points, value, valid);
-}
-
-static void true_field(void *context, long n, const double (*points)[3], float *value,
-                       uint8_t *valid)
-{
-    const subject *s = context;
-    double *sdf = malloc((size_t)n * sizeof *sdf);
-    LF_REQUIRE(sdf, "out of memory for %ld distances", n);
-    (void)valid;
-    lf_sdf_eval(s->shape.sdf, n, points, sdf, NULL);
-    for (long i = 0; i < n; i++)
-        value[i] = (float)sdf[i];
-    free(sdf);
-}
-
-static lf_iso_options iso_options(const lf_config *cfg, double longest_edge, bool dense)
-{
-    lf_iso_options o = lf_iso_defaults();
-    o.half = 0.55 * longest_edge;
-    o.coarse = (int)lf_config_int(cfg, "eval.coarse");
-    o.refinements = 0;
-    for (long n = o.coarse; n < lf_config_int(cfg, "eval.resolution"); n *= 2)
-        o.refinements++;
-    o.lipschitz = lf_config_real(cfg, "eval.lipschitz");
-    o.dense = dense;
-    return o;
-}
 
 /* Views in the setting, every one rolled by `roll` degrees as well if that is not 0. */
 static lf_status make_views(subject *s, long index, lf_error *err)
@@ -71,23 +36,18 @@ static lf_status make_views(subject *s, long index, lf_error *err)
 
 static lf_status extract(subject *s, long index, lf_error *err)
 {
-    const lf_config *cfg = s->loaded->cfg;
     LF_TRY(lf_shapes_load(s->shapes, index, &s->shape, err));
     LF_TRY(make_views(s, index, err));
-    const double edge = s->shape.longest_edge, t0 = lf_seconds_now();
-    const lf_iso_options predicted = iso_options(cfg, edge, s->options->dense);
-    const lf_iso_options truth = iso_options(cfg, edge, false);
-    lf_loaded_encode(s->loaded, &s->views);
-    LF_TRY(lf_isosurface(&predicted, predict_field, s, &s->predicted, &s->iso, err));
-    s->seconds = lf_seconds_now() - t0;
-    return lf_isosurface(&truth, true_field, s, &s->truth, NULL, err);
+    LF_TRY(lf_predicted_mesh(s->loaded, &s->views, s->shape.longest_edge, s->options->dense,
+                             &s->predicted, err));
+    return lf_true_mesh(s->loaded->cfg, &s->shape, &s->truth, err);
 }
 
 static void release(subject *s)
 {
-    lf_mesh_free(s->predicted);
+    lf_mesh_free(s->predicted.mesh);
     lf_mesh_free(s->truth);
-    s->predicted = s->truth = NULL;
+    s->predicted.mesh = s->truth = NULL;
     lf_shape_release(&s->shape);
 }
 
@@ -113,8 +73,9 @@ static void keep_row(lf_montage_row *row, subject *s, const char *id, double iou
     LF_REQUIRE(pixels && asprintf(&caption, "%s   IoU %.2f", id, iou) >= 0, "out of memory");
     lf_shapes_pixels(s->images, n, pixels);
     *row = (lf_montage_row){
-        caption, V, (int)c->image_size, c->backbone.in_channels, pixels, s->predicted, s->truth};
-    s->predicted = s->truth = NULL;
+        caption,           V,       (int)c->image_size, c->backbone.in_channels, pixels,
+        s->predicted.mesh, s->truth};
+    s->predicted.mesh = s->truth = NULL;
 }
 
 static void free_rows(lf_montage_row *row, long rows)
@@ -147,15 +108,15 @@ static lf_status score_shape(run *r, subject *s, long index, lf_error *err)
     const char *id = lf_shapes_id(s->shapes, index);
     LF_TRY(extract(s, index, err));
     lf_score score;
-    LF_TRY(lf_score_meshes(s->predicted, s->truth, s->shape.sdf, &metric, &score, err));
-    lf_report_add(&r->report, id, &score, s->seconds, s->predicted->faces);
-    r->evaluations += s->iso.evaluations;
-    r->dense_evaluations += s->iso.dense_evaluations;
-    r->invalid += s->iso.invalid;
-    r->steps += s->iso.steps;
-    r->steep += s->iso.steep;
+    LF_TRY(lf_score_meshes(s->predicted.mesh, s->truth, s->shape.sdf, &metric, &score, err));
+    lf_report_add(&r->report, id, &score, s->predicted.seconds, s->predicted.mesh->faces);
+    r->evaluations += s->predicted.iso.evaluations;
+    r->dense_evaluations += s->predicted.iso.dense_evaluations;
+    r->invalid += s->predicted.iso.invalid;
+    r->steps += s->predicted.iso.steps;
+    r->steep += s->predicted.iso.steep;
     if (s->options->out) {
-        LF_TRY(write_mesh(s->options->out, id, "predicted", s->predicted, err));
+        LF_TRY(write_mesh(s->options->out, id, "predicted", s->predicted.mesh, err));
         LF_TRY(write_mesh(s->options->out, id, "true", s->truth, err));
     }
     if (s->options->out && r->rows < s->options->pictures)
@@ -245,19 +206,28 @@ static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o
     return status;
 }
 
+lf_status lf_evaluated_shapes(const lf_config *cfg, const char *split, const char *setting,
+                              lf_setting *used, lf_shapes **out, lf_error *err)
+{
+    lf_shapes_options data = lf_shapes_options_from(cfg, split);
+    if (strcmp(split, "train") == 0)
+        data.draws = 1;
+    if (setting)
+        LF_TRY(lf_setting_parse(setting, &data.views.setting, err));
+    if (used)
+        *used = data.views.setting;
+    return lf_shapes_open(&data, out, err);
+}
+
 lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_error *err)
 {
-    lf_shapes_options data = lf_shapes_options_from(loaded->cfg, options->split);
-    if (strcmp(options->split, "train") == 0)
-        data.draws = 1;
-    if (options->setting)
-        LF_TRY(lf_setting_parse(options->setting, &data.views.setting, err));
-    if (options->out)
-        LF_TRY(lf_make_folders(options->out, err));
+    lf_setting setting;
     lf_shapes *shapes;
-    LF_TRY(lf_shapes_open(&data, &shapes, err));
-    const lf_status status =
-        evaluate_shapes(loaded, options, shapes, lf_setting_name(data.views.setting), err);
+    LF_TRY(
+        lf_evaluated_shapes(loaded->cfg, options->split, options->setting, &setting, &shapes, err));
+    lf_status status = options->out ? lf_make_folders(options->out, err) : LF_OK;
+    if (status == LF_OK)
+        status = evaluate_shapes(loaded, options, shapes, lf_setting_name(setting), err);
     lf_shapes_close(shapes);
     return status;
 }

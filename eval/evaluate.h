@@ -5,6 +5,7 @@
 
 #include "configs/configs.h"
 #include "datasets/projection.h"
+#include "eval/isosurface.h"
 #include "models/recon_work.h"
 
 /* A model loaded from a checkpoint, ready to predict. Its parts refer to each other: never copy it.
@@ -25,11 +26,23 @@ lf_status lf_loaded_open(const char *checkpoint, int n, const char *const *sets,
                          lf_error *err);
 void lf_loaded_close(lf_loaded *loaded);
 
-/* Features of eight views given with 8 bits; then distances at points of the shape (unit: box
- * diagonal) as those views see them. valid may be NULL. */
+/* Features of eight views given with 8 bits, or of eval.sources of them; then distances at points
+ * of the shape (unit: box diagonal) as those views see them. valid may be NULL. */
 void lf_loaded_encode(lf_loaded *loaded, const lf_shape_views *views);
 void lf_loaded_predict(lf_loaded *loaded, const lf_shape_views *views, long n,
-                       const double (*point)[3], float *sdf, uint8_t *valid);
+                       const double (*point)[3], lf_real *sdf, uint8_t *valid);
+
+typedef struct lf_predicted {
+    lf_mesh *mesh; /* the caller's, in the frame of the shape */
+    lf_iso_report iso;
+    double seconds; /* from views to mesh */
+} lf_predicted;
+/* The surface as the model sees it in these views, on the grid of eval.resolution round a shape
+ * with that longest edge of its box; `dense`: every point of the grid. Errors of lf_isosurface. */
+lf_status lf_predicted_mesh(lf_loaded *loaded, const lf_shape_views *views, double longest_edge,
+                            bool dense, lf_predicted *out, lf_error *err);
+/* The zero level of the true distance on the same grid; the caller frees it. */
+lf_status lf_true_mesh(const lf_config *cfg, const lf_shape *shape, lf_mesh **out, lf_error *err);
 
 typedef struct lf_evaluate_options {
     const char *setting; /* NULL: the training's */
@@ -41,6 +54,11 @@ typedef struct lf_evaluate_options {
     double roll;         /* degrees; every view rolled by this as well, and rendered again */
     bool dense, quiet, exact;
 } lf_evaluate_options;
+
+/* The shapes of a split in a setting (NULL: the training's), which *used, unless NULL, tells; the
+ * caller closes them. Errors of lf_setting_parse and lf_shapes_open. */
+lf_status lf_evaluated_shapes(const lf_config *cfg, const char *split, const char *setting,
+                              lf_setting *used, lf_shapes **out, lf_error *err);
 
 /* Score every shape. LF_BAD_INPUT for a setting, split or data that do not exist. */
 lf_status lf_evaluate(lf_loaded *loaded, const lf_evaluate_options *options, lf_error *err);

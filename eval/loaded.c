@@ -1,5 +1,6 @@
 /* loaded.c: a model from its checkpoint. See evaluate.h. */
 #include "eval/evaluate.h"
+#include "eval/some_views.h"
 #include "models/checkpoint.h"
 #include "train/recon_data.h"
 #include "train/run_dir.h"
@@ -48,13 +49,24 @@ void lf_loaded_close(lf_loaded *l)
     *l = (lf_loaded){0};
 }
 
+/* The views that are used: eval.sources of them, or all. */
+static int views_used(const lf_loaded *l, int view[V])
+{
+    const int sources = (int)lf_config_int(l->cfg, "eval.sources"), used = sources ? sources : V;
+    lf_some_views(used, view);
+    return used;
+}
+
 void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
 {
     const lf_recon_config *c = &l->model.config;
-    const long n = V * c->image_size * c->image_size * c->backbone.in_channels;
+    int view[V];
+    const int used = views_used(l, view);
+    const long each = c->image_size * c->image_size * c->backbone.in_channels, n = used * each;
     float *pixels = malloc((size_t)n * sizeof *pixels);
     LF_REQUIRE(pixels, "out of memory for %ld pixels", n);
-    lf_shapes_pixels(views->images, n, pixels);
+    for (int i = 0; i < used; i++)
+        lf_shapes_pixels(views->images + view[i] * each, each, pixels + i * each);
     /* the features refer to the image (it is sampled too), which must stay until the next call */
     free(l->image);
     l->image = malloc((size_t)n * sizeof *l->image);
@@ -64,18 +76,27 @@ void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
     free(pixels);
     lf_seen_grid grid = lf_seen_grid_create(&l->model, 1);
     lf_seen_grid_fill(&grid, 0, views, 0);
-    const lf_recon_images images = {V, V, l->image, lf_seen_grid_points(&grid)};
+    if (used < V && grid.count > 0) {
+        lf_keep_views(&grid.projection, grid.count, used, view);
+        grid.points.views = used;
+    }
+    const lf_recon_images images = {used, used, l->image, lf_seen_grid_points(&grid)};
     lf_recon_encode(l->work, &images);
     lf_seen_grid_free(&grid);
 }
 
 void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const double (*point)[3],
-                       float *sdf, uint8_t *valid)
+                       lf_real *sdf, uint8_t *valid)
 {
     const double scale = lf_config_real(l->cfg, "loss.scale");
+    int view[V];
+    const int used = views_used(l, view);
     lf_projection p = lf_projection_create(n);
     lf_projection_fill(&p, 0, n, point, views, 0);
-    const lf_recon_points points = lf_seen_points(&p, n);
+    lf_recon_points points = lf_seen_points(&p, n);
+    if (used < V)
+        lf_keep_views(&p, n, used, view);
+    points.views = used;
     lf_recon_predict(l->work, &points, scale, sdf, valid);
     lf_projection_free(&p);
 }

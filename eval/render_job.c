@@ -6,103 +6,8 @@
 #include "eval/image_metrics.h"
 #include "eval/render_montage.h"
 #include "eval/render_report.h"
-#include "models/checkpoint.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
-
-/* ---- the model --------------------------------------------------------------------------------
- */
-
-lf_status lf_loaded_renderer_open(const char *checkpoint, lf_config *cfg, lf_loaded_renderer *l,
-                                  lf_error *err)
-{
-    lf_training_state state;
-    lf_config *again;
-    *l = (lf_loaded_renderer){.cfg = cfg};
-    lf_status status = lf_checkpoint_config(checkpoint, &again, &state, err);
-    if (status != LF_OK)
-        return status;
-    lf_config_free(again);
-    l->step = state.step;
-    const lf_renderer_config config = lf_renderer_config_from(cfg);
-    l->store = lf_store_create(0);
-    lf_renderer_init(&l->model, l->store, &config);
-    l->work = lf_render_work_create(&l->model, lf_config_int(cfg, "train.tile_rays"));
-    return lf_checkpoint_read(checkpoint, l->store, NULL, err);
-}
-
-void lf_loaded_renderer_close(lf_loaded_renderer *l)
-{
-    lf_render_work_free(l->work);
-    if (l->store)
-        lf_renderer_free(&l->model);
-    lf_store_free(l->store);
-    lf_config_free(l->cfg);
-    *l = (lf_loaded_renderer){0};
-}
-
-long lf_render_sources(const lf_loaded_renderer *l)
-{
-    const long sources = lf_config_int(l->cfg, "eval.sources");
-    return sources ? sources : l->model.config.sources;
-}
-
-/* ---- one view ---------------------------------------------------------------------------------
- */
-
-lf_render_savings lf_render_savings_from(const lf_loaded_renderer *l)
-{
-    lf_render_savings s = lf_render_savings_none();
-    /* IBRNet's ray transformer looks at unseen samples, too */
-    s.unseen = l->model.config.equivariant && lf_config_bool(l->cfg, "eval.skip_unseen");
-    s.stop = lf_config_real(l->cfg, "eval.stop");
-    s.empty = lf_config_real(l->cfg, "eval.empty");
-    return s;
-}
-
-lf_rendering lf_render_whole(lf_loaded_renderer *l, const lf_render_view *v)
-{
-    const long n = (long)v->camera.width * v->camera.height;
-    lf_rendering r = {lf_image_create(v->camera.width, v->camera.height, 3),
-                      malloc((size_t)n * sizeof(float)), 0, 0};
-    long *pixel = malloc((size_t)n * sizeof *pixel);
-    float *opacity = malloc((size_t)n * sizeof *opacity);
-    LF_REQUIRE(r.depth && pixel && opacity, "out of memory for %ld pixels", n);
-    for (long i = 0; i < n; i++)
-        pixel[i] = i;
-    const double start = lf_seconds_now();
-    lf_render_savings savings = lf_render_savings_from(l);
-    if (lf_config_bool(l->cfg, "eval.skip_outside"))
-        savings.bounds = v->bounds;
-    lf_pixel_rays rays = lf_pixel_rays_create(v, n, pixel);
-    lf_ray_image image = {r.image->pixel, r.depth, opacity, 0};
-    lf_render_encode(l->work, v->sources, v->source);
-    lf_render_rays(l->work, &rays.rays, v->entry->white, &savings, &image);
-    r.seconds = lf_seconds_now() - start;
-    r.rows = image.rows;
-    for (long i = 0; i < n; i++)
-        if (opacity[i] < 0.05f)
-            r.depth[i] = INFINITY; /* nothing there */
-    lf_pixel_rays_free(&rays);
-    free(pixel);
-    free(opacity);
-    return r;
-}
-
-void lf_rendering_free(lf_rendering *r)
-{
-    lf_image_free(r->image);
-    free(r->depth);
-    *r = (lf_rendering){0};
-}
-
-lf_image *lf_picture_of(const lf_pixels *p)
-{
-    lf_image *image = lf_image_create(p->width, p->height, 3);
-    for (long i = 0; i < 3L * p->width * p->height; i++)
-        image->pixel[i] = (float)p->rgb[i] / 255;
-    return image;
-}
 
 /* ---- the evaluation ---------------------------------------------------------------------------
  */
@@ -122,9 +27,8 @@ typedef struct evaluation {
     char **scene, **view; /* names of files: of the scenes, of the views of the scene at work */
     lf_render_report report;
     kept_row *row;
-    long rows, done, total;
+    long rows;
     lf_progress progress;
-    double started;
 } evaluation;
 
 static lf_render_view_options view_options(const evaluation *e, const lf_motion *motion)
@@ -225,7 +129,8 @@ static void keep_row(evaluation *e, const lf_render_view *v, lf_rendering *r, lf
                              .depth = r->depth,
                              .near = v->near,
                              .far = v->far};
-    *r = (lf_rendering){0};
+    r->image = NULL;
+    r->depth = NULL;
 }
 
 static void free_rows(evaluation *e)
@@ -308,46 +213,54 @@ static lf_status score_view(evaluation *e, const lf_scene_entry *entry, long tar
     return status;
 }
 
-/* Views of a scene that are scored: at most eval.views, evenly over the list. */
-static long views_of(const evaluation *e, const lf_scene_entry *entry, const long **target,
-                     long *count)
+/* Says which split is scored: the training's where a scene has no views of the job's. */
+static void note_split(evaluation *e, long items, const lf_render_item *item)
 {
-    const long most = lf_config_int(e->loaded->cfg, "eval.views");
-    *target = lf_render_targets(entry, e->job->split, count);
-    return most > 0 && most < *count ? most : *count;
+    long trained = 0, without = 0, scenes = 0;
+    for (long i = 0; i < items; i++) {
+        const bool first = i == 0 || item[i].entry != item[i - 1].entry;
+        const bool own = strcmp(lf_render_split(item[i].entry, e->job->split), e->job->split) == 0;
+        trained += !own;
+        without += first && !own;
+        scenes += first;
+    }
+    e->report.split = lf_render_split_name(e->job->split, items, trained);
+    if (without && !e->job->quiet)
+        printf("%ld scenes of %ld have no %s views: their training views are scored\n", without,
+               scenes, e->job->split);
+}
+
+static lf_status score_items(evaluation *e, long items, const lf_render_item *item, lf_error *err)
+{
+    const lf_scene *scene = NULL;
+    const double started = lf_seconds_now();
+    lf_status status = LF_OK;
+    for (long i = 0; status == LF_OK && i < items; i++) {
+        if (scene != item[i].entry->scene) {
+            if (scene)
+                lf_file_names_free(scene->views, e->view);
+            scene = item[i].entry->scene;
+            e->view = lf_view_file_names(scene);
+        }
+        status = score_view(e, item[i].entry, item[i].target, err);
+        lf_progress_update(&e->progress, i + 1, lf_seconds_now() - started, "PSNR %.2f dB",
+                           lf_render_report_mean(&e->report, -1).psnr);
+    }
+    if (scene)
+        lf_file_names_free(scene->views, e->view);
+    return status;
 }
 
 static lf_status score_scenes(evaluation *e, const lf_scene_set *set, lf_error *err)
 {
-    const long scenes =
-        e->job->scenes > 0 && e->job->scenes < set->count ? e->job->scenes : set->count;
-    const long *target;
-    long count, trained = 0, without = 0;
-    for (long i = 0; i < scenes; i++) {
-        const long n = views_of(e, &set->entry[i], &target, &count);
-        const bool own = strcmp(lf_render_split(&set->entry[i], e->job->split), e->job->split) == 0;
-        e->total += n;
-        trained += own ? 0 : n;
-        without += !own;
-    }
-    e->report.split = lf_render_split_name(e->job->split, e->total, trained);
-    if (without && !e->job->quiet)
-        printf("%ld scenes of %ld have no %s views: their training views are scored\n", without,
-               scenes, e->job->split);
-    e->started = lf_seconds_now();
-    e->progress = lf_progress_start(stdout, "view", 0, e->total, e->job->quiet);
-    lf_status status = LF_OK;
-    for (long i = 0; status == LF_OK && i < scenes; i++) {
-        const long n = views_of(e, &set->entry[i], &target, &count);
-        e->view = lf_view_file_names(set->entry[i].scene);
-        for (long k = 0; status == LF_OK && k < n; k++) {
-            status = score_view(e, &set->entry[i], target[k * count / n], err);
-            lf_progress_update(&e->progress, ++e->done, lf_seconds_now() - e->started,
-                               "PSNR %.2f dB", lf_render_report_mean(&e->report, -1).psnr);
-        }
-        lf_file_names_free(set->entry[i].scene->views, e->view);
-    }
+    long items;
+    lf_render_item *item =
+        lf_render_items(e->loaded->cfg, e->job->split, e->job->scenes, set, &items);
+    note_split(e, items, item);
+    e->progress = lf_progress_start(stdout, "view", 0, items, e->job->quiet);
+    const lf_status status = score_items(e, items, item, err);
     lf_progress_end(&e->progress);
+    free(item);
     return status;
 }
 
@@ -377,20 +290,6 @@ static lf_status write_results(evaluation *e, lf_error *err)
     return status;
 }
 
-lf_status lf_render_job_scenes(const lf_loaded_renderer *l, const lf_render_job *job,
-                               lf_scene_set **set, lf_error *err)
-{
-    const char *split = job->split;
-    LF_TRY(lf_render_scenes(l->cfg, split, NULL, NULL, set, err));
-    if (!*set) {
-        split = "train";
-        LF_TRY(lf_render_scenes(l->cfg, split, NULL, NULL, set, err));
-    }
-    if (!job->quiet)
-        lf_render_describe(stdout, split, *set);
-    return LF_OK;
-}
-
 static lf_status parse_setting(const char *name, bool *turns, lf_error *err)
 {
     lf_setting setting = LF_SETTING_I;
@@ -405,7 +304,7 @@ static lf_status parse_setting(const char *name, bool *turns, lf_error *err)
 static lf_status evaluate(evaluation *e, lf_error *err)
 {
     lf_scene_set *set;
-    LF_TRY(lf_render_job_scenes(e->loaded, e->job, &set, err));
+    LF_TRY(lf_render_job_scenes(e->loaded->cfg, e->job->split, e->job->quiet, &set, err));
     e->set = set;
     e->scene = lf_scene_file_names(set);
     lf_status status = score_scenes(e, set, err);

@@ -61,19 +61,30 @@ long lf_render_sources(const lf_loaded_renderer *loaded);
 /* A whole view in a frame. */
 typedef struct lf_rendering {
     lf_image *image; /* 3 channels */
-    float *depth;    /* [height][width] */
+    lf_real *colour; /* [height][width][3] the same, as the network gave it */
+    float *depth;    /* [height][width]; INFINITY: nothing there */
     double seconds;
     long rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or not */
 } lf_rendering;
 /* What `cfg` allows to leave out. */
 lf_render_savings lf_render_savings_from(const lf_loaded_renderer *loaded);
+/* With eval.shrink above 1 the view is rendered smaller and enlarged again. */
 lf_rendering lf_render_whole(lf_loaded_renderer *loaded, const lf_render_view *view);
 void lf_rendering_free(lf_rendering *r);
 /* The pixels as an image of three channels; the caller frees it. */
 lf_image *lf_picture_of(const lf_pixels *pixels);
-/* The scenes of the job's split, described on stdout unless it is quiet: those of the training if
- * none are named for it. The caller closes them. */
-lf_status lf_render_job_scenes(const lf_loaded_renderer *loaded, const lf_render_job *job,
+/* The scenes of a split, described on stdout unless `quiet`: those of the training if none are
+ * named for it. The caller closes them. */
+lf_status lf_render_job_scenes(const lf_config *cfg, const char *split, bool quiet,
                                lf_scene_set **set, lf_error *err);
+/* A view that is evaluated. */
+typedef struct lf_render_item {
+    const lf_scene_entry *entry;
+    long target;
+} lf_render_item;
+/* Views of the split of at most `scenes` scenes (0: all), scene after scene, of each at most
+ * eval.views, evenly over its list; the caller frees them. */
+lf_render_item *lf_render_items(const lf_config *cfg, const char *split, long scenes,
+                                const lf_scene_set *set, long *count);
 
 #endif

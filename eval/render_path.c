@@ -57,7 +57,7 @@ lf_status lf_render_path(lf_loaded_renderer *l, const lf_render_job *job, lf_err
     LF_TRY(lf_path_kind_parse(job->path, &kind, err));
     if (!job->out)
         return lf_fail(err, LF_BAD_INPUT, "--path %s: give --out for the frames", job->path);
-    LF_TRY(lf_render_job_scenes(l, job, &set, err));
+    LF_TRY(lf_render_job_scenes(l->cfg, job->split, job->quiet, &set, err));
     lf_status status = LF_OK;
     char **name = lf_scene_file_names(set);
     const long scenes = job->scenes > 0 && job->scenes < set->count ? job->scenes : set->count;
@@ -129,7 +129,7 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
                           lf_error *err)
 {
     lf_scene_set *set;
-    LF_TRY(lf_render_job_scenes(l, job, &set, err));
+    LF_TRY(lf_render_job_scenes(l->cfg, job->split, job->quiet, &set, err));
     json_t *rows = json_array();
     char **name = lf_scene_file_names(set);
     lf_status status = LF_OK;

@@ -194,14 +194,14 @@ void lf_recon_encode(lf_recon_work *work, const lf_recon_images *images)
 }
 
 static void predict_tile(const lf_recon_work *work, lf_tape *tape, const lf_recon_points *p,
-                         long from, long count, double scale, float *sdf, uint8_t *valid)
+                         long from, long count, double scale, lf_real *sdf, uint8_t *valid)
 {
     lf_tape_reset(tape);
     const lf_recon_points points = lf_recon_slice(p, from, count);
     const lf_recon_inputs in = lf_recon_look(tape, work->model, &work->code, &points);
     const lf_tensor *x = lf_recon_sdf(tape, work->model, &in, NULL);
     for (long q = 0; q < count; q++) {
-        sdf[from + q] = (float)((double)x->value[q] / scale);
+        sdf[from + q] = (lf_real)((double)x->value[q] / scale);
         uint8_t any = 0;
         for (long v = 0; v < p->views; v++)
             any |= p->mask[(from + q) * p->views + v];
@@ -210,8 +210,8 @@ static void predict_tile(const lf_recon_work *work, lf_tape *tape, const lf_reco
     }
 }
 
-void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double scale, float *sdf,
-                      uint8_t *valid)
+void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double scale,
+                      lf_real *sdf, uint8_t *valid)
 {
     const long tile = work->tile, tiles = (points->count + tile - 1) / tile;
     for (int w = 0; w < LF_RECON_LANES; w++)

@@ -44,8 +44,8 @@ double lf_recon_step(lf_recon_work *work, const lf_recon_images *images,
  * `scale` already) of any points. valid[q] = some view sees the point. Not for two threads at once;
  * points are spread over threads inside. */
 void lf_recon_encode(lf_recon_work *work, const lf_recon_images *images);
-void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double scale, float *sdf,
-                      uint8_t *valid);
+void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double scale,
+                      lf_real *sdf, uint8_t *valid);
 
 /* Multiply-adds of one training step by formula (useful operations, forward; a step is about three
  * times that): of `images`, of the objects that they show in `views` each, and of `points`. */

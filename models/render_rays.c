@@ -74,10 +74,10 @@ static void write_ray(const evaluation *e, long ray, const lf_rendered *r, long 
     for (long i = 0; i < samples; i++)
         opacity += (double)r->weight->value[row * samples + i];
     for (int a = 0; a < 3; a++)
-        e->out->colour[3 * ray + a] = r ? (float)r->colour->value[3 * row + a] : (float)e->white;
-    e->out->opacity[ray] = (float)opacity;
+        e->out->colour[3 * ray + a] = r ? r->colour->value[3 * row + a] : (lf_real)e->white;
+    e->out->opacity[ray] = (lf_real)opacity;
     e->out->depth[ray] =
-        opacity > 1e-3 ? (float)((double)r->depth->value[row] / opacity) : (float)e->rays->far;
+        opacity > 1e-3 ? (lf_real)((double)r->depth->value[row] / opacity) : (lf_real)e->rays->far;
 }
 
 /* One network on the rays of a tile, without gradient. */

@@ -55,9 +55,9 @@ typedef struct lf_render_savings {
 lf_render_savings lf_render_savings_none(void);
 
 typedef struct lf_ray_image {
-    float *colour;  /* [N, 3] */
-    float *depth;   /* [N] mean depth (along the camera's axis) of what the ray meets, or far */
-    float *opacity; /* [N] */
+    lf_real *colour;  /* [N, 3] */
+    lf_real *depth;   /* [N] mean depth (along the camera's axis) of what the ray meets, or far */
+    lf_real *opacity; /* [N] */
     long rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or not */
 } lf_ray_image;
 

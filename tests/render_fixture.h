@@ -215,7 +215,7 @@ static inline double step_difference(const gradient *a, const gradient *b)
 }
 
 typedef struct image {
-    float colour[3 * RAYS], depth[RAYS], opacity[RAYS];
+    lf_real colour[3 * RAYS], depth[RAYS], opacity[RAYS];
     long rows;
 } image;
 

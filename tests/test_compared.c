@@ -208,7 +208,7 @@ static void points_know_their_own_object(void **state)
         }
         const lf_recon_points points = points_of(&p, 2 * Q), voxels = points_of(&on_grid, 2 * grid);
         const lf_recon_images images = {2 * V, V, image, grid > 0 ? &voxels : NULL};
-        float sdf[2 * Q];
+        lf_real sdf[2 * Q];
         lf_recon_work *work = lf_recon_work_create(&n.model, 7);
         lf_recon_encode(work, &images);
         lf_recon_predict(work, &points, 1, sdf, NULL);
@@ -311,7 +311,7 @@ static void a_point_that_no_view_sees_has_a_finite_distance(void **state)
         open_sight(&t, &n.model, s);
         for (int v = 0; v < V; v++)
             assert_int_equal(t.points.mask[5 * V + v], 0);
-        float sdf[Q];
+        lf_real sdf[Q];
         uint8_t valid[Q];
         lf_recon_work *work = lf_recon_work_create(&n.model, 16);
         lf_recon_encode(work, &t.images);

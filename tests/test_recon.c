@@ -243,10 +243,10 @@ static void predict_is_the_model(void **state)
         s->point[5][a] = 100;
     sight t;
     open_sight(&t, &n.model, s);
-    float first[Q];
+    lf_real first[Q];
     for (long tile = 1; tile <= 64; tile *= 8) {
         lf_recon_work *work = lf_recon_work_create(&n.model, tile);
-        float sdf[Q];
+        lf_real sdf[Q];
         uint8_t valid[Q];
         lf_recon_encode(work, &t.images);
         lf_recon_predict(work, &t.points, 10, sdf, valid);

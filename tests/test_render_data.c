@@ -175,7 +175,7 @@ static void far_from_the_origin_renders_the_same(void **state)
     lf_render_work *work = lf_render_work_create(&model, 4);
     const lf_motion away = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {6e4, -5e4, 6e4}};
     const lf_scene_entry *e = &scenes->entry[0];
-    float number[2][PIXELS * 5];
+    lf_real number[2][PIXELS * 5];
     for (int far = 0; far < 2; far++) {
         lf_render_view v = open_view(e, e->view[LF_SPLIT_TEST][0], far ? &away : NULL);
         lf_pixel_rays r = lf_pixel_rays_create(&v, PIXELS, some_pixels);
@@ -231,7 +231,7 @@ static void a_scene_with_near_0_is_rendered(void **state)
     lf_render_work *work = lf_render_work_create(&model, 4);
     lf_render_view v = open_view(e, e->view[LF_SPLIT_TEST][0], NULL);
     lf_pixel_rays r = lf_pixel_rays_create(&v, PIXELS, some_pixels);
-    float number[PIXELS * 5];
+    lf_real number[PIXELS * 5];
     lf_ray_image x = {number, number + 3 * PIXELS, number + 4 * PIXELS, 0};
     const lf_render_savings none = lf_render_savings_none();
     lf_render_encode(work, v.sources, v.source);

@@ -25,7 +25,8 @@ static overlap validate_shape(lf_recon_work *work, const lf_config *cfg, const l
     const lf_shape_views *views = lf_shapes_views(shapes, index, 0);
     const float(*samples)[4] = lf_shapes_samples(shapes, index);
     double(*point)[3] = calloc(POINTS, sizeof *point);
-    float truth[POINTS], sdf[POINTS];
+    float truth[POINTS];
+    lf_real sdf[POINTS];
     LF_REQUIRE(point, "out of memory for %d points", POINTS);
     const long n = uniform + near;
     for (long i = 0; i < n; i++) {

@@ -215,7 +215,7 @@ static lf_status view_error(const render_task *t, const lf_scene_entry *e, long 
     const long across = (v.camera.width + VAL_STEP - 1) / VAL_STEP;
     const long down = (v.camera.height + VAL_STEP - 1) / VAL_STEP, n = across * down;
     long *pixel = calloc((size_t)n, sizeof *pixel);
-    float *number = calloc((size_t)n, 5 * sizeof *number);
+    lf_real *number = calloc((size_t)n, 5 * sizeof *number);
     LF_REQUIRE(pixel && number, "out of memory for %ld pixels", n);
     for (long i = 0; i < n; i++)
         pixel[i] = i / across * VAL_STEP * v.camera.width + i % across * VAL_STEP;
