@@ -169,12 +169,14 @@ static bool is_run(const lf_result *a)
 void lf_results_print_runs(const lf_results *r, FILE *out)
 {
     long runs = 0;
-    fputs("\n## The runs\n\n"
-          "Items are shapes, for renderers built-in scenes to train on and rendered views of a "
-          "kind to test on;\n"
-          "seconds are of one training, mean over trainings; MB is the largest resident memory of "
-          "a training.\n\n",
-          out);
+    fputs(
+        "\n## The runs\n\n"
+        "Items: shapes; for renderers scenes to train on and rendered views of a kind to test on.\n"
+        "Pixels of photographs: at most. Empty: meshes without a surface, over all tests; they "
+        "count with\n"
+        "the worst value. Seconds: of one training without making its data, mean over trainings.\n"
+        "MB: largest resident memory of a training.\n\n",
+        out);
     for (long i = 0; i < r->count; i++) {
         bool first = is_run(&r->result[i]);
         for (long j = 0; j < i && first; j++)
