@@ -129,7 +129,7 @@ static long candidates(const lf_speed_report *r, long *out)
     return count;
 }
 
-static lf_status combine(trial *t, lf_error *err)
+static lf_status combine(trial *t, const lf_config *cfg, lf_error *err)
 {
     lf_speed_report *r = &t->report;
     long *list = calloc((size_t)r->rows, sizeof *list);
@@ -144,6 +144,8 @@ static lf_status combine(trial *t, lf_error *err)
     for (long k = 1; status == LF_OK && k < count; k++) {
         const lf_speed_setting both =
             lf_speed_join(&r->row[best].setting, &r->row[list[k]].setting);
+        if (!lf_speed_allowed(cfg, &both))
+            continue;
         const long row = add_row(t, &both);
         for (long n = 0; status == LF_OK && n < repeats; n++)
             status = measure(t, row, n == 0, err);
@@ -195,7 +197,7 @@ static lf_status run(trial *t, const lf_config *cfg, lf_error *err)
     t->started = lf_seconds_now();
     lf_status status = measure_settings(t, cfg, err);
     if (status == LF_OK)
-        status = combine(t, err);
+        status = combine(t, cfg, err);
     if (status == LF_OK)
         status = write_results(t, err);
     free(name);

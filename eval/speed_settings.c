@@ -248,7 +248,7 @@ static void list_rendering(list *l)
 /* ---- the list ---------------------------------------------------------------------------------
  */
 
-static bool allowed(const lf_config *cfg, const lf_speed_setting *s)
+bool lf_speed_allowed(const lf_config *cfg, const lf_speed_setting *s)
 {
     lf_config *changed;
     char *text = lf_config_text(cfg);
@@ -273,7 +273,7 @@ lf_speed_setting *lf_speed_settings(const lf_config *cfg, long *count)
         list_reconstruction(&l);
     *count = 0;
     for (long i = 0; i < l.count; i++)
-        if (i < LF_SPEED_FIRST || allowed(cfg, &l.setting[i]))
+        if (i < LF_SPEED_FIRST || lf_speed_allowed(cfg, &l.setting[i]))
             l.setting[(*count)++] = l.setting[i];
     return l.setting;
 }

@@ -29,7 +29,11 @@ typedef struct lf_speed_setting {
  * the network); *count of them, the caller frees the array. */
 lf_speed_setting *lf_speed_settings(const lf_config *cfg, long *count);
 
-/* Both changes, of two savings: name "a + b". */
+/* Does lf_config_check take the config with the setting's keys? */
+bool lf_speed_allowed(const lf_config *cfg, const lf_speed_setting *setting);
+
+/* Both changes, of two savings: name "a + b". The keys of b come last; each may be allowed alone
+ * and both not (a coarse grid as fine as one grid, the half of it as the other). */
 lf_speed_setting lf_speed_join(const lf_speed_setting *a, const lf_speed_setting *b);
 
 #ifdef __cplusplus

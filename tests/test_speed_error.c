@@ -161,6 +161,17 @@ static void reconstruction_has_its_savings(void **state)
     assert_null(named(s, n, "2 source views"));
     free(s);
     lf_config_free(cfg);
+    /* each is allowed, but no grid of 64 cells begins with one of 128 */
+    cfg = config((const char *[]){"eval.resolution=128", "eval.coarse=32", NULL});
+    s = lf_speed_settings(cfg, &n);
+    const lf_speed_setting *half = named(s, n, "grid of 64 cells an edge");
+    const lf_speed_setting both = lf_speed_join(half, named(s, n, "dense grid"));
+    const lf_speed_setting other = lf_speed_join(half, named(s, n, "coarse grid 16"));
+    assert_true(lf_speed_allowed(cfg, half));
+    assert_false(lf_speed_allowed(cfg, &both));
+    assert_true(lf_speed_allowed(cfg, &other));
+    free(s);
+    lf_config_free(cfg);
     /* three stages of stride 2 after a pooled stem: 17 pixels are too few and are not offered */
     cfg = config((const char *[]){"data.image_size=33", "model.stem_pool=true", NULL});
     s = lf_speed_settings(cfg, &n);

@@ -110,6 +110,18 @@ expect 0 '' "$eval" --checkpoint recon --speed-error --shapes 1 --repeats 1 --se
 [ -s out ] && fail "--quiet prints"
 grep -q '"eval_setting": "Z"' z.json && grep -q 'exact savings only' z.json || fail "wrong report: $(head -c 500 z.json)"
 
+# every network of the family, with a grid or without one
+for type in disn fvor ibrnet-sdf equivariant,model.fusion=max-pool; do
+    name=${type%,*}
+    IFS=, read -ra keys <<<"model.type=$type"
+    expect 0 '' "$train" recon.ini --out "$name-net" --set train.steps=8 --set model.grid=5 --set model.volume=1,1 \
+        "${keys[@]/#/--set=}"
+    expect 0 'recommended' "$eval" --checkpoint "$name-net" --speed-error --shapes 1 --repeats 1 --json $name-net.json
+    check_report "$name-net.json" "$name"
+    grep -q '"family": "reconstruction"' "$name-net.json" || fail "$name is no reconstruction"
+    below 1e-9 "$(value "$name-net.json" '1 source view' mean_difference)" "$name: one source view gives what eight do"
+done
+
 ### Rendering
 
 for type in renderer ibrnet; do
