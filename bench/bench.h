@@ -39,8 +39,6 @@ extern const lf_bench_table lf_bench_ray_equivariant; /* ray_equivariant.c */
 extern const lf_bench_table lf_bench_ibrnet;          /* ibrnet.c */
 extern const lf_bench_table lf_bench_onednn;          /* peer_onednn.c, if it was found */
 
-/* Do `steps` rounds of independent multiply-adds on each of `threads` threads: the flops done. */
-double lf_bench_fma(long steps, int threads);
 /* Seconds of a steady clock. */
 double lf_bench_now(void);
 

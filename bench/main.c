@@ -9,6 +9,7 @@
 #include <omp.h>
 #include <stdbool.h>
 
+#include "autograd/kernels/limit.h"
 #include "autograd/kernels/vector.h"
 #include "autograd/status.h"
 #include "bench/bench.h"
@@ -58,13 +59,6 @@ static long choose_runs(lf_bench_work *work)
     return runs;
 }
 
-static double limit_now(void)
-{
-    const double start = lf_bench_now();
-    const double flop = lf_bench_fma(1 << 17, omp_get_max_threads());
-    return flop / (lf_bench_now() - start);
-}
-
 /* *limit is the best seen since the program's start: one case may have been disturbed throughout.
  */
 static result measure(lf_bench_work *work, int repeats, double *limit)
@@ -72,7 +66,7 @@ static result measure(lf_bench_work *work, int repeats, double *limit)
     result r = {.seconds = INFINITY, .flop = work->flop, .bytes = work->bytes, .error = NAN};
     const long runs = choose_runs(work);
     for (int i = 0; i < repeats; i++) {
-        *limit = fmax(*limit, limit_now());
+        *limit = fmax(*limit, lf_limit_now(omp_get_max_threads()));
         r.seconds = fmin(r.seconds, seconds_of(work, runs) / (double)runs);
     }
     r.limit = *limit;
@@ -142,7 +136,7 @@ static int for_cases(const options *o, json_t *results)
     int count = 0;
     double limit = 0;
     for (int i = 0; !o->list && i < o->repeats; i++)
-        limit = fmax(limit, limit_now());
+        limit = fmax(limit, lf_limit_now(omp_get_max_threads()));
     for (int t = 0; t < TABLES; t++)
         for (int i = 0; i < tables[t]->count; i++) {
             const lf_bench_case *c = &tables[t]->cases[i];

@@ -114,13 +114,16 @@ static lf_tensor *position_code(lf_tape *tape, const lf_lanes *lanes, long n)
 static lf_tensor *along_ray(lf_tape *tape, const lf_ibrnet *net, lf_tensor *x,
                             const lf_tensor *count)
 {
+    lf_scope(tape, "along ray");
     lf_tensor *q = lf_linear_apply(tape, &net->query, x, LF_IDENTITY);
     lf_tensor *k = lf_linear_apply(tape, &net->key, x, LF_IDENTITY);
     lf_tensor *v = lf_linear_apply(tape, &net->value, x, LF_IDENTITY);
     lf_tensor *heard = lf_sample_attention(tape, q, k, v, count, HEADS);
     heard = lf_linear_apply(tape, &net->join, heard, LF_IDENTITY);
-    return lf_layer_norm(tape, lf_add(tape, x, heard), lf_param(tape, net->gain),
-                         lf_param(tape, net->bias));
+    x = lf_layer_norm(tape, lf_add(tape, x, heard), lf_param(tape, net->gain),
+                      lf_param(tape, net->bias));
+    lf_scope_end(tape);
+    return x;
 }
 
 static lf_tensor *density(lf_tape *tape, const lf_ibrnet *net, lf_tensor *moments,
@@ -154,21 +157,32 @@ lf_radiance lf_ibrnet_apply(lf_tape *tape, const lf_ibrnet *net, const lf_ray_in
     LF_REQUIRE(in->difference && lf_cols(in->seen) == net->config.inputs,
                "IBRNet: %ld numbers a sample and view for %ld; differences: %s", lf_cols(in->seen),
                net->config.inputs, in->difference ? "given" : "missing");
+    lf_scope(tape, "directions");
     const lf_lanes lanes = lf_lanes_make(tape, in->geometry->mask, in->difference);
     lf_tensor *turned = lf_leaf(tape, 3, lanes.difference->dim, lanes.difference->value, NULL);
     lf_tensor *f =
         lf_lanes_add_rows(tape, in->seen, two_maps(tape, net->direction, turned, &lanes), &lanes);
+    lf_scope_end(tape);
+    lf_scope(tape, "base");
     lf_tensor *w = lf_ibrnet_weights(tape, lf_param(tape, net->sharpness), &lanes);
     lf_tensor *moments = lf_ibrnet_moments(tape, f, w, &lanes, false);
     lf_tensor *x =
         map(tape, &net->base[1], base_map(tape, &net->base[0], f, moments, &lanes), &lanes, LF_ELU);
+    lf_scope_end(tape);
+    lf_scope(tape, "visibility");
     lf_tensor *r = two_maps(tape, net->visibility, lf_lanes_scale(tape, x, w), &lanes);
     const lf_ibrnet_residual updated = lf_ibrnet_residual_apply(tape, x, r, &lanes);
     const lf_ibrnet_visibility seen = lf_ibrnet_visibility_apply(
         tape, two_maps(tape, net->again, updated.visible, &lanes), &lanes);
     moments = lf_ibrnet_moments(tape, updated.x, seen.weight, &lanes, true);
-    return (lf_radiance){colour(tape, net, updated.x, seen.visibility, turned, in->seen, &lanes),
-                         density(tape, net, moments, &lanes, in->geometry->count)};
+    lf_scope_end(tape);
+    lf_scope(tape, "colour");
+    lf_tensor *blend = colour(tape, net, updated.x, seen.visibility, turned, in->seen, &lanes);
+    lf_scope_end(tape);
+    lf_scope(tape, "density");
+    lf_tensor *sigma = density(tape, net, moments, &lanes, in->geometry->count);
+    lf_scope_end(tape);
+    return (lf_radiance){blend, sigma};
 }
 
 double lf_ibrnet_macs(const lf_ibrnet *net, long samples, long views)

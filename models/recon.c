@@ -100,7 +100,9 @@ void lf_recon_free(lf_recon *model)
 int lf_recon_maps(lf_tape *tape, const lf_recon *model, lf_tensor *images, bool training,
                   lf_tensor *maps[LF_BACKBONE_MAPS + 1])
 {
+    lf_scope(tape, "backbone");
     int count = lf_backbone_forward(tape, &model->backbone, images, training, maps);
+    lf_scope_end(tape);
     if (model->config.sample_image)
         maps[count++] = images;
     return count;
@@ -148,16 +150,23 @@ lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, lf_tensor *seen,
 {
     const lf_recon_config *c = &model->config;
     lf_tensor *ray = seen; /* 5a.3 */
+    lf_scope(tape, "ray convolution");
     if (c->depth_octaves)
         ray = lf_concat(tape, 2, (lf_tensor *[]){seen, depth_code(tape, model, rays, distance)});
     lf_field point = lf_ray_convolution_apply(tape, &model->convolution, ray, rays); /* 5a.4 */
+    lf_scope_end(tape);
     lf_field on_rays = {ray, NULL}, kept[LF_RECON_BLOCKS + 1] = {point};
     for (int b = 0; b < c->blocks; b++) { /* 5a.5 */
+        lf_scope(tape, "block%d", b);
         lf_transformer_block_apply(tape, &model->block[b], &on_rays, &point, rays);
         kept[b + 1] = point;
+        lf_scope_end(tape);
     }
     for (int i = 0; layers && i <= c->blocks; i++)
         layers[i] = kept[i];
-    return lf_mlp_apply(tape, &model->head,
-                        invariants(tape, model, kept, c->blocks + 1)); /* 5a.6 */
+    lf_scope(tape, "readout"); /* 5a.6 */
+    lf_tensor *x = invariants(tape, model, kept, c->blocks + 1);
+    x = lf_mlp_apply(tape, &model->head, x);
+    lf_scope_end(tape);
+    return x;
 }

@@ -18,6 +18,12 @@ struct lf_recon_work {
     int maps;
 };
 
+/* Threads of a team: no more than there are tapes for. */
+static int workers(void)
+{
+    return omp_get_max_threads() < LF_RECON_LANES ? omp_get_max_threads() : LF_RECON_LANES;
+}
+
 lf_recon_work *lf_recon_work_create(const lf_recon *model, long tile)
 {
     lf_recon_work *work = calloc(1, sizeof *work);
@@ -53,6 +59,13 @@ void lf_recon_work_check(lf_recon_work *work, bool on)
         lf_tape_set_check(work->worker[l], on);
 }
 
+void lf_recon_work_watch(lf_recon_work *work, lf_profile *profile)
+{
+    lf_profile_watch(profile, work->features, 0);
+    for (int l = 0; l < LF_RECON_LANES; l++)
+        lf_profile_watch(profile, work->worker[l], workers());
+}
+
 static bool is_forward(const char *found)
 {
     return found && strncmp(found, "forward", 7) == 0;
@@ -78,12 +91,6 @@ size_t lf_recon_work_bytes(const lf_recon_work *work)
     for (int l = 0; l < LF_RECON_LANES; l++)
         bytes += lf_tape_peak(work->worker[l]) + (size_t)work->head_size * sizeof(lf_real);
     return bytes;
-}
-
-/* Threads of a team: no more than there are tapes for. */
-static int workers(void)
-{
-    return omp_get_max_threads() < LF_RECON_LANES ? omp_get_max_threads() : LF_RECON_LANES;
 }
 
 /* Directions and visibility of the points [from, from + count) as tensors of `tape`. */
@@ -140,7 +147,9 @@ static double run_tile(const batch *b, lf_tape *tape, const lane *l, long from, 
                                   lf_rows_view(tape, &mask, from, count)};
     lf_tensor *x =
         lf_recon_sdf(tape, b->work->model, seen, &rays, b->points->distance + from * views, NULL);
+    lf_scope(tape, "loss");
     lf_tensor *loss = lf_sdf_loss(tape, x, b->sdf + from, b->loss);
+    lf_scope_end(tape);
     lf_backward(tape, loss, (lf_real)(1 / (double)b->points->count));
     return (double)loss->value[0];
 }
@@ -149,7 +158,9 @@ static void run_lane(const batch *b, lf_tape *tape, int number)
 {
     lane *l = &b->work->lane[number];
     const long tile = b->work->tile, count = b->points->count, tiles = (count + tile - 1) / tile;
+    lf_scope(tape, "lanes");
     memset(l->grad, 0, (size_t)b->work->head_size * sizeof *l->grad);
+    lf_scope_end(tape);
     l->loss = 0;
     l->nonfinite[0] = 0;
     for (long t = number; t < tiles; t += LF_RECON_LANES) {
@@ -177,19 +188,25 @@ double lf_recon_step(lf_recon_work *work, long images, const lf_real *image,
                      const lf_recon_points *points, const float *sdf,
                      const lf_sdf_loss_config *loss)
 {
+    lf_tape *tape = work->features;
     lf_store_zero_grads(work->model->store);
-    lf_tape_reset(work->features);
-    lf_tape_set_grad(work->features, true);
-    work->maps = lf_recon_maps(work->features, work->model, image_leaf(work, images, image), true,
-                               work->map);
+    lf_tape_reset(tape);
+    lf_tape_set_grad(tape, true);
+    work->maps = lf_recon_maps(tape, work->model, image_leaf(work, images, image), true, work->map);
     batch b = {work, points, sdf, loss, NULL, {0}};
-    b.seen = sample(work->features, work, points, 0, points->count, &b.rays);
-    lf_grad(work->features, b.seen); /* tiles add to their own rows of it */
+    lf_scope(tape, "samples");
+    b.seen = sample(tape, work, points, 0, points->count, &b.rays);
+    lf_grad(tape, b.seen); /* tiles add to their own rows of it */
+    lf_scope_end(tape);
+    lf_scope(tape, LF_SCOPE_TEAM);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
     for (int l = 0; l < LF_RECON_LANES; l++)
         run_lane(&b, work->worker[omp_get_thread_num()], l);
+    lf_scope_end(tape);
+    lf_scope(tape, "lanes");
     const double total = reduce_lanes(work);
-    lf_backward_from(work->features);
+    lf_scope_end(tape);
+    lf_backward_from(tape);
     return total / (double)points->count;
 }
 

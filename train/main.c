@@ -29,6 +29,10 @@ static void print_help(FILE *out)
         "  --overfit         train on the first batch alone: the loss must go to 0\n"
         "  --check-finite    look for NaN and infinities after every op and name the first "
         "(slower)\n"
+        "  --profile [N]     instead of training, print where the time and memory of a step go, "
+        "by\n"
+        "                    part of the model and by op: the mean of N steps (default 20)\n"
+        "  --profile-json F  also write it to the file F\n"
         "  --quiet           print only what went wrong\n"
         "  --help-config     print every key with type, range, default and meaning\n"
         "  --help, --version\n"
@@ -43,14 +47,25 @@ static void print_help(FILE *out)
 enum { MOST_SETS = 256 };
 
 typedef struct arguments {
-    const char *config, *out, *resume, *set[MOST_SETS];
+    const char *config, *out, *resume, *set[MOST_SETS], *profile_json;
     int sets, threads;
+    long profile; /* steps; 0: none */
     bool quiet, overfit, check_finite, done;
 } arguments;
 
-static lf_status parse_option(arguments *a, int option, lf_error *err)
+static lf_status parse_number(const char *option, const char *text, long most, long *n,
+                              lf_error *err)
 {
     char *end;
+    const long found = strtol(text, &end, 10);
+    if (*end || end == text || found < 1 || found > most)
+        return lf_fail(err, LF_BAD_INPUT, "%s %s: give a number from 1 to %ld", option, text, most);
+    *n = found;
+    return LF_OK;
+}
+
+static lf_status parse_option(arguments *a, int option, lf_error *err)
+{
     long n;
     switch (option) {
     case 'o':
@@ -65,9 +80,7 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         a->set[a->sets++] = optarg;
         return LF_OK;
     case 't':
-        n = strtol(optarg, &end, 10);
-        if (*end || end == optarg || n < 1 || n > 1024)
-            return lf_fail(err, LF_BAD_INPUT, "--threads %s: give a number from 1 to 1024", optarg);
+        LF_TRY(parse_number("--threads", optarg, 1024, &n, err));
         a->threads = (int)n;
         return LF_OK;
     case 'q':
@@ -78,6 +91,12 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         return LF_OK;
     case 'f':
         a->check_finite = true;
+        return LF_OK;
+    case 'p':
+        a->profile = 20;
+        return optarg ? parse_number("--profile", optarg, 1000000, &a->profile, err) : LF_OK;
+    case 'j':
+        a->profile_json = optarg;
         return LF_OK;
     case 'h':
         print_help(stdout);
@@ -95,12 +114,33 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
     return LF_OK;
 }
 
+/* The number of --profile N stands apart or not at all; what is no number is a config. */
+static void take_number(int argc, char **argv)
+{
+    if (!optarg && optind < argc && argv[optind][0] >= '0' && argv[optind][0] <= '9')
+        optarg = argv[optind++];
+}
+
+static lf_status check_profile(const arguments *a, lf_error *err)
+{
+    if (a->profile_json && !a->profile)
+        return lf_fail(err, LF_BAD_INPUT, "--profile-json %s: only with --profile",
+                       a->profile_json);
+    if (a->profile && a->out)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "--out %s: --profile writes no run; leave --out out, or see --profile-json",
+                       a->out);
+    return LF_OK;
+}
+
 static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
 {
     static const struct option options[] = {{"out", required_argument, NULL, 'o'},
                                             {"resume", required_argument, NULL, 'r'},
                                             {"set", required_argument, NULL, 's'},
                                             {"threads", required_argument, NULL, 't'},
+                                            {"profile", optional_argument, NULL, 'p'},
+                                            {"profile-json", required_argument, NULL, 'j'},
                                             {"quiet", no_argument, NULL, 'q'},
                                             {"overfit", no_argument, NULL, 'O'},
                                             {"check-finite", no_argument, NULL, 'f'},
@@ -109,8 +149,11 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
                                             {"version", no_argument, NULL, 'v'},
                                             {NULL, 0, NULL, 0}};
     int option;
-    while (!a->done && (option = getopt_long(argc, argv, "h", options, NULL)) != -1)
+    while (!a->done && (option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
+        if (option == 'p')
+            take_number(argc, argv);
         LF_TRY(parse_option(a, option, err));
+    }
     if (a->done)
         return LF_OK;
     if (optind < argc)
@@ -126,7 +169,7 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
                        "%s and --resume: a resumed run has its config in the checkpoint; leave the "
                        "config out, and change keys with --set",
                        a->config);
-    return LF_OK;
+    return check_profile(a, err);
 }
 
 /* runs/<config's file name without its ending>, malloc'd. */
@@ -163,6 +206,8 @@ static lf_status train(const arguments *a, const lf_config *cfg, lf_train_option
     options->overfit = a->overfit;
     options->check_finite = a->check_finite;
     options->stop = &stop_asked;
+    options->profile = a->profile;
+    options->profile_json = a->profile_json;
     catch_signals();
     return lf_train(cfg, options, err);
 }
@@ -192,7 +237,7 @@ static lf_status resume_found(const arguments *a, const lf_found *found, lf_erro
                                 .start = state,
                                 .fresh = a->out != NULL};
     lf_status status = apply_sets(a, cfg, err);
-    if (status == LF_OK && !options.out)
+    if (status == LF_OK && !options.out && !a->profile)
         status =
             lf_fail(err, LF_BAD_INPUT, "%s is not in a run's folder: give --out for the new run",
                     found->checkpoint);

@@ -1,0 +1,322 @@
+/* test_profile.c: what a profile puts down: names, calls, products by formula, bytes, teams; that
+ * it changes no bit of a step of the reconstruction model. No test looks at how long something
+ * took, but that no time is counted twice. [autograd/profile.h] */
+#include <omp.h>
+#include <time.h>
+
+#include "autograd/ops.h"
+#include "models/recon_work.h"
+#include "tests/close.h"
+#include "tests/recon_net.h"
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static const lf_profile_row *find(const lf_profile_row *row, int count, const char *scope,
+                                  const char *op)
+{
+    for (int i = 0; i < count; i++)
+        if (strcmp(row[i].scope, scope) == 0 &&
+            (op ? row[i].op && strcmp(row[i].op, op) == 0 : !row[i].op))
+            return &row[i];
+    fail_msg("no row of %s, %s", scope, op ? op : "no op");
+    return NULL;
+}
+
+static lf_profile_row sum(const lf_profile_row *row, int count)
+{
+    lf_profile_row s = {.op = NULL};
+    for (int i = 0; i < count; i++) {
+        assert_true(row[i].forward >= 0 && row[i].backward >= 0);
+        s.calls += row[i].calls;
+        s.forward += row[i].forward;
+        s.backward += row[i].backward;
+        s.products[0] += row[i].products[0];
+        s.products[1] += row[i].products[1];
+        s.bytes += row[i].bytes;
+    }
+    return s;
+}
+
+/* ---- one tape ---- */
+
+enum { ROWS = 6, IN = 4, OUT = 5 };
+
+/* Two linear maps and a ReLU in three scopes, the bytes of which are all that the tape holds. */
+static void small_work(lf_tape *tape, lf_real *x, lf_real *w, lf_real *dw)
+{
+    lf_tape_reset(tape);
+    lf_scope(tape, "outer");
+    lf_tensor *a = lf_leaf(tape, 2, LF_DIMS(ROWS, IN), x, NULL);
+    lf_tensor *m = lf_leaf(tape, 2, LF_DIMS(IN, OUT), w, dw);
+    lf_tensor *y = lf_linear(tape, a, m, NULL, LF_IDENTITY);
+    for (int i = 0; i < 2; i++) {
+        lf_scope(tape, "part%d", i);
+        y = lf_relu(tape, y);
+        y = lf_linear(tape, y, lf_leaf(tape, 2, LF_DIMS(OUT, OUT), w, dw), NULL, LF_IDENTITY);
+        lf_scope_end(tape);
+    }
+    lf_tensor *loss = lf_sum(tape, y);
+    lf_scope_end(tape);
+    lf_backward(tape, loss, 1);
+}
+
+/* Three times small_work, by part and op. */
+static lf_profile_row check_rows(const lf_profile *profile)
+{
+    lf_profile_row *row;
+    int count = lf_profile_rows(profile, LF_BY_BOTH, &row);
+    const lf_profile_row *linear = find(row, count, "outer", "linear");
+    assert_int_equal(linear->calls, 3);
+    assert_true(linear->products[0] == 3 * ROWS * IN * OUT && linear->unknown == 0);
+    assert_true(linear->products[1] == linear->products[0]); /* x wants none */
+    linear = find(row, count, "outer/part1", "linear");
+    assert_true(linear->products[0] == 3 * ROWS * OUT * OUT);
+    assert_true(linear->products[1] == 2 * linear->products[0]);
+    const lf_profile_row *relu = find(row, count, "outer/part0", "relu");
+    assert_true(relu->calls == 3 && relu->unknown == 3 && relu->products[0] == 0);
+    const lf_profile_row all = sum(row, count);
+    free(row);
+    return all;
+}
+
+/* The same by part, and by op. */
+static void check_groups(const lf_profile *profile, const lf_profile_row *all)
+{
+    lf_profile_row *row;
+    int count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
+    assert_int_equal(count, 3);
+    assert_string_equal(row[0].scope, "outer");
+    assert_string_equal(row[1].scope, "outer/part0");
+    assert_string_equal(row[2].scope, "outer/part1");
+    assert_true(sum(row, count).products[0] == all->products[0]);
+    assert_true(sum(row, count).bytes == all->bytes);
+    free(row);
+    count = lf_profile_rows(profile, LF_BY_OP, &row);
+    assert_int_equal(find(row, count, "", "linear")->calls, 9);
+    assert_int_equal(find(row, count, "", "sum")->calls, 3);
+    assert_close(sum(row, count).forward, all->forward, 1e-12, 0);
+    free(row);
+}
+
+static void test_one_tape(void **state)
+{
+    (void)state;
+    lf_real x[ROWS * IN], w[OUT * OUT], dw[OUT * OUT] = {0}, without[OUT * OUT] = {0};
+    lf_profile *profile = lf_profile_create();
+    lf_tape *tape = lf_tape_create();
+    for (int i = 0; i < OUT * OUT; i++)
+        x[i % (ROWS * IN)] = w[i] = (lf_real)(0.1 * (i % 7));
+    small_work(tape, x, w, without); /* unwatched */
+    assert_false(lf_profiled(tape));
+    const size_t held = lf_tape_bytes(tape);
+    lf_profile_watch(profile, tape, 0);
+    assert_true(lf_profiled(tape));
+    const double start = now();
+    for (int i = 0; i < 3; i++) {
+        memset(dw, 0, sizeof dw);
+        small_work(tape, x, w, dw);
+    }
+    const double wall = now() - start;
+    assert_memory_equal(dw, without, sizeof dw);
+    lf_profile_watch(NULL, tape, 0);
+    small_work(tape, x, w, dw); /* no longer put down */
+
+    const lf_profile_row all = check_rows(profile);
+    assert_true(all.forward + all.backward <= wall);
+    assert_true(all.bytes <= held && all.bytes > held / 2); /* the backward makes the rest */
+    check_groups(profile, &all);
+    lf_tape_free(tape);
+    lf_profile_free(profile);
+}
+
+/* Bytes are the most between two resets, and not counted where a backward takes them. */
+static void test_bytes(void **state)
+{
+    (void)state;
+    enum { MOST = 40 };
+    lf_real x[MOST * IN] = {0}, dx[MOST * IN] = {0};
+    lf_profile *profile = lf_profile_create();
+    lf_tape *tape = lf_tape_create();
+    lf_profile_watch(profile, tape, 0);
+    size_t held = 0;
+    for (int i = 0; i < 3; i++) {
+        const long rows = i == 1 ? MOST : 7;
+        lf_tape_reset(tape);
+        lf_scope(tape, "s");
+        lf_tensor *a = lf_leaf(tape, 2, LF_DIMS(rows, IN), x, dx);
+        lf_tensor *loss = lf_sum(tape, lf_relu(tape, a));
+        lf_scope_end(tape);
+        held = i == 1 ? lf_tape_bytes(tape) : held;
+        lf_backward(tape, loss, 1);
+    }
+    lf_profile_row *row;
+    const int count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
+    assert_int_equal(count, 1);
+    assert_int_equal(row->bytes, held);
+    free(row);
+    lf_tape_free(tape);
+    lf_profile_free(profile);
+}
+
+/* Two tapes of a team of two: half of their time, the rest is waiting; nothing is counted twice. */
+static void test_team(void **state)
+{
+    (void)state;
+    lf_real x[ROWS * IN] = {0}, w[OUT * OUT] = {0}, dw[OUT * OUT] = {0};
+    lf_profile *profile = lf_profile_create();
+    lf_tape *tape[3];
+    for (int i = 0; i < 3; i++) {
+        tape[i] = lf_tape_create();
+        lf_profile_watch(profile, tape[i], i ? 2 : 0);
+    }
+    const double start = now();
+    small_work(tape[0], x, w, dw);
+    lf_scope(tape[0], LF_SCOPE_TEAM);
+    for (int i = 0; i < 10; i++)
+        for (int k = 1; k < 3; k++)
+            small_work(tape[k], x, w, dw);
+    lf_scope_end(tape[0]);
+    lf_scope(tape[0], "last");
+    lf_scope_end(tape[0]);
+    const double wall = now() - start;
+    lf_profile_row *row;
+    int count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
+    assert_int_equal(find(row, count, "outer", NULL)->calls, 2 * 21);
+    assert_true(find(row, count, LF_SCOPE_TEAM, NULL)->forward >= 0);
+    const lf_profile_row all = sum(row, count);
+    assert_true(all.forward + all.backward <= wall);
+    assert_string_equal(row[count - 1].scope, "last");
+    free(row);
+    count = lf_profile_rows(profile, LF_BY_OP, &row);
+    assert_true(find(row, count, LF_SCOPE_TEAM, NULL)->calls == 0);
+    free(row);
+    for (int i = 0; i < 3; i++)
+        lf_tape_free(tape[i]);
+    lf_profile_free(profile);
+}
+
+/* ---- a step of the reconstruction model ---- */
+
+enum { V = 8, Q = 40, SIZE = 33, CHANNELS = 2, PIXELS = V * SIZE * SIZE * CHANNELS, TILE = 16 };
+
+typedef struct batch {
+    lf_real image[PIXELS];
+    float sdf[Q];
+    double uv[2 * Q * V], direction[3 * Q * V], distance[Q * V];
+    uint8_t mask[Q * V];
+    long first[Q];
+} batch;
+
+static batch *make_batch(void)
+{
+    batch *b = calloc(1, sizeof *b);
+    assert_non_null(b);
+    lf_stream r = lf_stream_at(5, LF_RANDOM_TEST, 80, 0);
+    for (int i = 0; i < PIXELS; i++)
+        b->image[i] = (lf_real)lf_uniform(&r);
+    for (int i = 0; i < Q * V; i++) {
+        const double angle = 6.28 * lf_uniform(&r);
+        b->direction[3 * i] = cos(angle);
+        b->direction[3 * i + 1] = sin(angle);
+        b->uv[2 * i] = (SIZE - 1) * lf_uniform(&r);
+        b->uv[2 * i + 1] = (SIZE - 1) * lf_uniform(&r);
+        b->distance[i] = 2.5;
+        b->mask[i] = 1;
+    }
+    for (int q = 0; q < Q; q++)
+        b->sdf[q] = (float)(0.2 * (lf_uniform(&r) - 0.5));
+    return b;
+}
+
+/* Loss; gradients stay in the store. */
+static double step(const net *n, const batch *b, lf_profile *profile)
+{
+    const lf_recon_points p = {Q, V, b->uv, b->direction, b->distance, b->mask, b->first};
+    const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
+    lf_recon_work *work = lf_recon_work_create(&n->model, TILE);
+    lf_recon_work_watch(work, profile);
+    const double value = lf_recon_step(work, V, b->image, &p, b->sdf, &loss);
+    lf_recon_work_free(work);
+    return value;
+}
+
+static void check_products(const net *n, const lf_profile *profile)
+{
+    const lf_recon_config *c = &n->model.config;
+    const lf_unit *stem = &n->model.backbone.stem;
+    const double images = V * lf_backbone_macs(&n->model.backbone, SIZE, SIZE).macs;
+    const double sampled = 4.0 * Q * V * (double)lf_recon_sampled(&n->model);
+    const double f = (double)n->model.feature_count;
+    lf_profile_row *row;
+    const int count = lf_profile_rows(profile, LF_BY_OP, &row);
+    const lf_profile_row *conv = find(row, count, "", "conv2d");
+    assert_true(conv->products[0] == images);
+    const double edge = (SIZE + 1) / 2, size = (double)stem->steerable.basis.size;
+    const double first = V * edge * edge * size * size * CHANNELS * 8 * c->backbone.stem_fields;
+    assert_true(conv->products[1] == 2 * images - first); /* images want no gradient */
+    const lf_profile_row *samples = find(row, count, "", "sample_maps");
+    assert_true(samples->products[0] == sampled);
+    assert_true(samples->products[1] == sampled - 4.0 * Q * V * (c->sample_image ? CHANNELS : 0));
+    assert_true(find(row, count, "", "ray_moments")->products[0] == 4.0 * Q * V * f);
+    const lf_profile_row *linear = find(row, count, "", "linear");
+    const lf_profile_row *attention = find(row, count, "", "ray_attention");
+    assert_true(linear->products[0] + attention->products[0] ==
+                lf_recon_macs(&n->model, V, Q, V) - images - 4.0 * Q * V * f);
+    assert_true(linear->products[1] == 2 * linear->products[0]);
+    assert_true(attention->products[1] == 2 * attention->products[0]);
+    assert_int_equal(attention->calls, c->blocks * ((Q + TILE - 1) / TILE));
+    free(row);
+}
+
+static void test_reconstruction(void **state)
+{
+    (void)state;
+    net n;
+    open_net(&n, NULL);
+    batch *b = make_batch();
+    const int most = omp_get_max_threads();
+    const size_t size = (size_t)lf_store_size(n.store) * sizeof(lf_real);
+    lf_real *gradient = malloc(size);
+    assert_non_null(gradient);
+    const double loss = step(&n, b, NULL);
+    memcpy(gradient, lf_store_grads(n.store), size);
+    for (int threads = 1; threads <= 3; threads += 2) {
+        lf_profile *profile = lf_profile_create();
+        omp_set_num_threads(threads);
+        assert_true(step(&n, b, profile) == loss);
+        assert_memory_equal(gradient, lf_store_grads(n.store), size);
+        check_products(&n, profile);
+        lf_profile_row *row;
+        const int count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
+        static const char *const scopes[] = {
+            "backbone/stem", "backbone/stage2",  "backbone/heads", "samples", "ray convolution",
+            "block0/rays",   "block0/attention", "readout",        "loss",    "lanes",
+            LF_SCOPE_TEAM};
+        for (size_t i = 0; i < sizeof scopes / sizeof *scopes; i++)
+            find(row, count, scopes[i], NULL);
+        for (int i = 0; i < count; i++)
+            assert_true(row[i].scope[0]); /* no op outside all parts */
+        free(row);
+        lf_profile_free(profile);
+    }
+    omp_set_num_threads(most);
+    free(gradient);
+    free(b);
+    close_net(&n);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_one_tape),
+        cmocka_unit_test(test_bytes),
+        cmocka_unit_test(test_team),
+        cmocka_unit_test(test_reconstruction),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
