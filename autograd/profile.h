@@ -14,7 +14,8 @@
  * Products  multiply-adds as the ops' formulas have them, of what is needed: not of masked views
  *           where the op knows them, not of gradients that nobody wants. A multiply-add is two
  *           operations. Ops that do not say (activations, norms, copies) count as unknown.
- * Bytes     that a forward leaves on its tape: the most between two resets, over all tapes.
+ * Bytes     that a forward leaves on its tape: the most between two resets, over all tapes, and
+ *           over all joined profiles.
  *
  * Threads: a tape's events are put down by the thread that uses it. Watching and reading are for
  * times when no watched tape is in use.
@@ -33,6 +34,9 @@ void lf_profile_free(lf_profile *profile);
 /* Put down from now on what happens on `tape`; NULL: no longer. team: 0 for the step's own tape,
  * else the threads of the team to which this tape's thread belongs. */
 void lf_profile_watch(lf_profile *profile, lf_tape *tape, int team);
+
+/* Add all that `from`, which watches no tape any more, has put down to `to`; from becomes empty. */
+void lf_profile_join(lf_profile *to, lf_profile *from);
 
 #define LF_SCOPE_TEAM "team"
 

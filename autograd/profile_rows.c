@@ -33,6 +33,15 @@ void lf_profile_watch(lf_profile *p, lf_tape *tape, int team)
     p->last = &part->next;
 }
 
+void lf_profile_join(lf_profile *to, lf_profile *from)
+{
+    if (!from->first)
+        return;
+    *to->last = from->first;
+    to->last = from->last;
+    *from = (lf_profile){.last = &from->first};
+}
+
 /* ---- sums ---- */
 
 typedef struct sums {

@@ -134,6 +134,32 @@ static void test_one_tape(void **state)
     lf_profile_free(profile);
 }
 
+/* Two profiles of the same work are one of twice the work. */
+static void test_join(void **state)
+{
+    (void)state;
+    lf_real x[ROWS * IN] = {0}, w[OUT * OUT] = {0}, dw[OUT * OUT] = {0};
+    lf_profile *profile[2];
+    lf_tape *tape = lf_tape_create();
+    for (int i = 0; i < 2; i++) {
+        profile[i] = lf_profile_create();
+        lf_profile_watch(profile[i], tape, 0);
+        small_work(tape, x, w, dw);
+    }
+    lf_profile_watch(NULL, tape, 0);
+    lf_profile_join(profile[0], profile[1]);
+    lf_profile_row *row;
+    assert_int_equal(lf_profile_rows(profile[1], LF_BY_SCOPE, &row), 0);
+    free(row);
+    const int count = lf_profile_rows(profile[0], LF_BY_BOTH, &row);
+    assert_int_equal(find(row, count, "outer/part0", "linear")->calls, 2);
+    free(row);
+    lf_profile_join(profile[0], profile[1]); /* empty */
+    lf_tape_free(tape);
+    lf_profile_free(profile[0]);
+    lf_profile_free(profile[1]);
+}
+
 /* Bytes are the most between two resets, and not counted where a backward takes them. */
 static void test_bytes(void **state)
 {
@@ -313,9 +339,8 @@ static void test_reconstruction(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_one_tape),
-        cmocka_unit_test(test_bytes),
-        cmocka_unit_test(test_team),
+        cmocka_unit_test(test_one_tape),       cmocka_unit_test(test_join),
+        cmocka_unit_test(test_bytes),          cmocka_unit_test(test_team),
         cmocka_unit_test(test_reconstruction),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -31,7 +31,7 @@ static void print_help(FILE *out)
         "(slower)\n"
         "  --profile [N]     instead of training, print where the time and memory of a step go, "
         "by\n"
-        "                    part of the model and by op: the mean of N steps (default 20)\n"
+        "                    part of the model and by op, of the fastest quarter of N steps (20)\n"
         "  --profile-json F  also write it to the file F\n"
         "  --quiet           print only what went wrong\n"
         "  --help-config     print every key with type, range, default and meaning\n"
@@ -94,7 +94,7 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         return LF_OK;
     case 'p':
         a->profile = 20;
-        return optarg ? parse_number("--profile", optarg, 1000000, &a->profile, err) : LF_OK;
+        return optarg ? parse_number("--profile", optarg, 1000, &a->profile, err) : LF_OK;
     case 'j':
         a->profile_json = optarg;
         return LF_OK;

@@ -6,6 +6,33 @@
 #include "train/profile_report.h"
 #include "train/run_dir.h"
 
+static int by_length(const void *a, const void *b)
+{
+    const lf_measured_step *x = a, *y = b;
+    return (x->seconds.all > y->seconds.all) - (x->seconds.all < y->seconds.all);
+}
+
+void lf_step_profile_choose(lf_step_profile *p, lf_measured_step *step)
+{
+    qsort(step, (size_t)p->all, sizeof *step, by_length);
+    p->steps = (p->all + 3) / 4;
+    p->fastest = step[0].seconds.all;
+    p->profile = step[0].profile;
+    p->mean = 0;
+    for (long i = 0; i < p->all; i++) {
+        const lf_step_times *s = &step[i].seconds;
+        p->mean += s->all / (double)p->all;
+        if (i >= p->steps)
+            continue;
+        p->sum.data += s->data;
+        p->sum.compute += s->compute;
+        p->sum.update += s->update;
+        p->sum.all += s->all;
+        if (i > 0)
+            lf_profile_join(step[0].profile, step[i].profile);
+    }
+}
+
 /* What a line says of one step; NAN: not known. */
 typedef struct line {
     const char *name;
@@ -45,7 +72,7 @@ static line line_of(const lf_step_profile *p, const lf_profile_row *r, lf_profil
                   .forward = 1e3 * r->forward / steps,
                   .backward = r->calls ? 1e3 * r->backward / steps : NAN,
                   .gflop = products > 0 ? 2e-9 * products / steps : NAN,
-                  .mb = r->bytes ? 1e-6 * (double)r->bytes : NAN};
+                  .mb = r->bytes ? 1e-6 * (double)r->bytes / steps : NAN};
 }
 
 /* ---- what is no part of the model ---- */
@@ -88,7 +115,7 @@ static line total_line(const lf_step_profile *p, const lf_profile_row *row, int 
         bytes += (double)row[i].bytes;
     }
     return (line){"a step", 1e3 * p->sum.all / (double)p->steps, NAN,
-                  2e-9 * products / (double)p->steps, 1e-6 * bytes};
+                  2e-9 * products / (double)p->steps, 1e-6 * bytes / (double)p->steps};
 }
 
 /* ---- tables ---- */
@@ -149,9 +176,9 @@ void lf_step_profile_print(FILE *out, const lf_step_profile *p)
 {
     const double ms = 1e3 / (double)p->steps;
     fprintf(out,
-            "profile of %ld steps after %ld: %.2f ms a step, the fastest %.2f; %d threads, limit "
+            "the fastest %ld of %ld steps: %.2f ms a step (mean of all %.2f); %d threads, limit "
             "%.1f GFLOP/s\n",
-            p->steps, p->warm_up, ms * p->sum.all, 1e3 * p->fastest, p->threads, 1e-9 * p->limit);
+            p->steps, p->all, ms * p->sum.all, 1e3 * p->mean, p->threads, 1e-9 * p->limit);
     print_table(out, p, LF_BY_SCOPE, "part");
     print_table(out, p, LF_BY_OP, "op");
     fprintf(out,
@@ -209,6 +236,7 @@ static json_t *step_json(const lf_step_profile *p)
     json_t *o = json_object();
     lf_json_real(o, "ms", total.forward);
     lf_json_real(o, "fastest_ms", 1e3 * p->fastest);
+    lf_json_real(o, "mean_ms", 1e3 * p->mean);
     lf_json_real(o, "data_ms", other[0].forward);
     lf_json_real(o, "update_ms", other[1].forward);
     lf_json_real(o, "rest_ms", other[2].forward);
@@ -224,6 +252,7 @@ static json_t *profile_json(const lf_step_profile *p)
     json_object_set_new(o, "model", json_string(p->model));
     json_object_set_new(o, "precision", json_string(LF_REAL_NAME));
     json_object_set_new(o, "warm_up", json_integer(p->warm_up));
+    json_object_set_new(o, "all_steps", json_integer(p->all));
     json_object_set_new(o, "steps", json_integer(p->steps));
     json_object_set_new(o, "threads", json_integer(p->threads));
     lf_json_real(o, "limit_gflops", 1e-9 * p->limit);

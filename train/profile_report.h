@@ -13,17 +13,30 @@ typedef struct lf_step_times {
     double all;     /* the whole step */
 } lf_step_times;
 
+/* One step; the profile is owned. */
+typedef struct lf_measured_step {
+    lf_step_times seconds;
+    lf_profile *profile;
+} lf_measured_step;
+
+/* What is reported: the fastest quarter of the steps. Others' work on the machine makes steps only
+ * slower. */
 typedef struct lf_step_profile {
     const char *model; /* model.type */
-    long warm_up, steps;
+    long warm_up, all; /* steps before, and measured */
     int threads;
-    double limit;      /* multiply-add limit of all threads, operations a second */
-    lf_step_times sum; /* of all steps */
-    double fastest;    /* seconds of the fastest step */
-    size_t tapes;      /* bytes of tapes and lanes at their largest */
+    double limit; /* multiply-add limit of all threads, operations a second */
+    size_t tapes; /* bytes of tapes and lanes at their largest */
     double rss_mb;
-    const lf_profile *profile; /* of all steps */
+    /* set by lf_step_profile_choose */
+    double mean, fastest;      /* seconds of a step: of all, the fastest */
+    long steps;                /* of the fastest quarter, at least 1 */
+    lf_step_times sum;         /* of these */
+    const lf_profile *profile; /* of these; the first step's */
 } lf_step_profile;
+
+/* Pick the steps that count out of p->all; sorts them and joins their profiles. */
+void lf_step_profile_choose(lf_step_profile *p, lf_measured_step *step);
 
 /* Two tables, by part of the model and by op, and the totals; all of one step. */
 void lf_step_profile_print(FILE *out, const lf_step_profile *p);

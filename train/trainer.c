@@ -252,41 +252,39 @@ static double measure_limit(int runs, double limit)
     return limit;
 }
 
-/* Steps that change the parameters, as in training. */
-static lf_status measured_steps(trainer *t, long steps, lf_step_profile *p, lf_error *err)
+/* Steps that change the parameters, as in training; put down in `step` unless it is NULL. */
+static lf_status measured_steps(trainer *t, long steps, lf_measured_step *step, double *limit,
+                                lf_error *err)
 {
     for (long i = 0; i < steps; i++) {
         double loss, norm;
-        lf_step_times s;
+        lf_step_times times;
         if (interrupted(t))
             return lf_fail(err, LF_STOPPED, "stopped; a profile of fewer steps is not printed");
-        LF_TRY(compute_step(t, lf_learning_rate(t->cfg, t->state.step), &loss, &norm, &s, err));
-        p->sum.data += s.data;
-        p->sum.compute += s.compute;
-        p->sum.update += s.update;
-        p->sum.all += s.all;
-        p->fastest = fmin(p->fastest, s.all);
-        p->limit = measure_limit(LIMIT_RUNS_A_STEP, p->limit);
+        t->task.watch(t->task.self, step ? step[i].profile : NULL);
+        const lf_status status =
+            compute_step(t, lf_learning_rate(t->cfg, t->state.step), &loss, &norm, &times, err);
+        t->task.watch(t->task.self, NULL);
+        LF_TRY(status);
+        if (step)
+            step[i].seconds = times;
+        *limit = measure_limit(LIMIT_RUNS_A_STEP, *limit);
     }
     return LF_OK;
 }
 
-static lf_status profile_steps(trainer *t, lf_profile *profile, lf_error *err)
+static lf_status profile_steps(trainer *t, lf_measured_step *step, lf_error *err)
 {
-    lf_step_profile warm_up = {0}, p = {.model = lf_config_choice(t->cfg, "model.type"),
-                                        .warm_up = WARM_UP,
-                                        .steps = t->options->profile,
-                                        .threads = omp_get_max_threads(),
-                                        .limit = measure_limit(LIMIT_RUNS, 0),
-                                        .fastest = INFINITY,
-                                        .profile = profile};
-    LF_TRY(measured_steps(t, WARM_UP, &warm_up, err));
-    t->task.watch(t->task.self, profile);
-    const lf_status status = measured_steps(t, p.steps, &p, err);
-    t->task.watch(t->task.self, NULL);
-    LF_TRY(status);
+    lf_step_profile p = {.model = lf_config_choice(t->cfg, "model.type"),
+                         .warm_up = WARM_UP,
+                         .all = t->options->profile,
+                         .threads = omp_get_max_threads(),
+                         .limit = measure_limit(LIMIT_RUNS, 0)};
+    LF_TRY(measured_steps(t, WARM_UP, NULL, &p.limit, err));
+    LF_TRY(measured_steps(t, p.all, step, &p.limit, err));
     p.tapes = t->task.work_bytes(t->task.self);
     p.rss_mb = lf_peak_rss_mb();
+    lf_step_profile_choose(&p, step);
     lf_step_profile_print(stdout, &p);
     return t->options->profile_json ? lf_step_profile_write(t->options->profile_json, &p, err)
                                     : LF_OK;
@@ -294,11 +292,17 @@ static lf_status profile_steps(trainer *t, lf_profile *profile, lf_error *err)
 
 static lf_status profile(trainer *t, lf_error *err)
 {
+    const long steps = t->options->profile;
     LF_TRY(t->task.open(t->task.self, err));
-    t->progress = lf_progress_start(stdout, "step", 0, t->options->profile, t->options->quiet);
-    lf_profile *p = lf_profile_create();
-    const lf_status status = profile_steps(t, p, err);
-    lf_profile_free(p);
+    t->progress = lf_progress_start(stdout, "step", 0, steps, t->options->quiet);
+    lf_measured_step *step = calloc((size_t)steps, sizeof *step);
+    LF_REQUIRE(step, "out of memory for %ld steps", steps);
+    for (long i = 0; i < steps; i++)
+        step[i].profile = lf_profile_create();
+    const lf_status status = profile_steps(t, step, err);
+    for (long i = 0; i < steps; i++)
+        lf_profile_free(step[i].profile);
+    free(step);
     return status;
 }
 

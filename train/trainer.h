@@ -18,8 +18,7 @@ typedef struct lf_train_options {
     bool fresh;              /* resume into a new run folder instead of the checkpoint's own */
     bool quiet, overfit, check_finite;
     const volatile sig_atomic_t *stop; /* set by the user's interrupt; may be NULL */
-    long profile;             /* steps to measure and print (profile_report.h), writing no run; 0:
-                                 train */
+    long profile;             /* steps to measure (profile_report.h), writing no run; 0: train */
     const char *profile_json; /* also write it to this file; or NULL */
 } lf_train_options;
 
