@@ -167,13 +167,13 @@ void lf_scope_end(lf_tape *tape);
 
 /* The op that is recorded next computes so many multiply-adds, by its formula, forward and in its
  * backward. An op that does not say counts as unknown. */
-void lf_count(lf_tape *tape, double forward, double backward);
+void lf_products(lf_tape *tape, double forward, double backward);
 /* The same of products of numbers of a with numbers of b: the backward has as many for each of the
  * two that wants a gradient. */
-void lf_count_product(lf_tape *tape, double products, const lf_tensor *a, const lf_tensor *b);
+void lf_products_of(lf_tape *tape, double products, const lf_tensor *a, const lf_tensor *b);
 /* To leave out what only a count needs; and how many of n marks of a mask are set. */
 bool lf_profiled(const lf_tape *tape);
-double lf_count_present(long n, const lf_real *mask);
+double lf_present(long n, const lf_real *mask);
 
 /* The gradient of a tensor, made and zeroed if it is not there yet; NULL if it wants none. For
  * callers that add to it before lf_backward_from. The walk makes the others when it needs them and

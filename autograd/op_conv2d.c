@@ -71,7 +71,7 @@ lf_tensor *lf_conv2d(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lo
     for (long i = 0; i < (fused ? 0 : s->images); i++)
         lf_kernel_activate(n, act, y->value + i * n);
     const double pixels = (double)(s->images * s->out_height * s->out_width);
-    lf_count_product(tape, pixels * (double)w->size, x, w);
+    lf_products_of(tape, pixels * (double)w->size, x, w);
     lf_record(tape, "conv2d", backward, k, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

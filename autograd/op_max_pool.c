@@ -8,26 +8,18 @@
  */
 #include "autograd/ops_image.h"
 
+#include "autograd/kernels/vector_math.h"
+
 typedef struct kept {
     lf_conv shape;
     unsigned char *place; /* [images, out_height, out_width, channels] */
 } kept;
 
-/* Take the maximum of y[c] and x[c] for one place of the window. */
-static void meet(long channels, const lf_real *x, unsigned char at, bool first, lf_real *y,
-                 unsigned char *place)
+/* Channels [c, c + count) of output pixel (i, j) of one image x[height, width, channels]. */
+static void forward_part(const lf_conv *s, const lf_real *x, long i, long j, long c, long count,
+                         lf_real *y, unsigned char *place)
 {
-    for (long c = 0; c < channels; c++) {
-        const bool larger = first || x[c] > y[c];
-        y[c] = larger ? x[c] : y[c];
-        place[c] = larger ? at : place[c];
-    }
-}
-
-/* Output pixel (i, j) of one image x[height, width, channels]. */
-static void forward_pixel(const lf_conv *s, const lf_real *x, long i, long j, lf_real *y,
-                          unsigned char *place)
-{
+    lf_vec largest = {0}, at = {0};
     bool first = true;
     for (long p = 0; p < s->size; p++) {
         const long row = i * s->stride + p - s->pad;
@@ -35,11 +27,23 @@ static void forward_pixel(const lf_conv *s, const lf_real *x, long i, long j, lf
             const long col = j * s->stride + q - s->pad;
             if (col < 0 || col >= s->width)
                 continue;
-            meet(s->in, x + (row * s->width + col) * s->in, (unsigned char)(p * s->size + q), first,
-                 y, place);
+            const lf_vec v = lf_vec_load_part(x + (row * s->width + col) * s->in + c, count);
+            const lf_vec here = lf_vec_all((lf_real)(p * s->size + q));
+            at = first ? here : lf_vec_select(v > largest, here, at);
+            largest = first ? v : lf_vec_select(v > largest, v, largest);
             first = false;
         }
     }
+    lf_vec_store_part(y + c, count, largest);
+    for (long k = 0; k < count; k++)
+        place[c + k] = (unsigned char)at[k];
+}
+
+static void forward_pixel(const lf_conv *s, const lf_real *x, long i, long j, lf_real *y,
+                          unsigned char *place)
+{
+    for (long c = 0; c < s->in; c += LF_LANES)
+        forward_part(s, x, i, j, c, s->in - c < LF_LANES ? s->in - c : LF_LANES, y, place);
 }
 
 static void forward_image(const lf_conv *s, const lf_real *x, lf_real *y, unsigned char *place)

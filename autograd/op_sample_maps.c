@@ -124,8 +124,8 @@ static void count_products(lf_tape *tape, int maps, lf_tensor *const *map, long 
         channels += (double)map[m]->dim[3];
         wanted += map[m]->wants ? (double)map[m]->dim[3] : 0;
     }
-    const double seen = lf_count_present(entries, mask);
-    lf_count(tape, 4 * seen * channels, 4 * seen * wanted);
+    const double seen = lf_present(entries, mask);
+    lf_products(tape, 4 * seen * channels, 4 * seen * wanted);
 }
 
 lf_tensor *lf_sample_maps(lf_tape *tape, int count, lf_tensor *const *maps, long height, long width,

@@ -33,6 +33,14 @@ lf_tensor *lf_reshape(lf_tape *tape, lf_tensor *x, int rank, const long *dim);
 /* Rows [from, from + count) of the first axis (memory is shared). */
 lf_tensor *lf_rows_view(lf_tape *tape, lf_tensor *x, long from, long count);
 
+/* Rows by number: x [S, C], row [Q] (0 .. S - 1, the caller's until the backward) -> [Q, C]. */
+lf_tensor *lf_gather_rows(lf_tape *tape, lf_tensor *x, long count, const long *row);
+
+/* Mean or largest over the views (or pixels) of a row: x [Q, V, C] -> [Q, C], of those with mask
+ * [Q, V] 1 (NULL: all). A row without any gives zeros and no gradient. */
+typedef enum lf_pooling { LF_POOL_MEAN, LF_POOL_MAX } lf_pooling;
+lf_tensor *lf_pool_views(lf_tape *tape, lf_tensor *x, const lf_tensor *mask, lf_pooling pooling);
+
 /* Sum of all elements -> []. */
 lf_tensor *lf_sum(lf_tape *tape, lf_tensor *x);
 

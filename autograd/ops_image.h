@@ -53,6 +53,17 @@ lf_tensor *lf_reflect_pad(lf_tape *tape, lf_tensor *x, long pad);
  * Lines beyond the last are the last; likewise columns. */
 lf_tensor *lf_resize(lf_tape *tape, lf_tensor *x, long height, long width, bool aligned);
 
+/* Feature volumes are [volumes, depth, height, width, channels].
+ * Slices of a volume beside their neighbours: x [N, D, H, W, C] -> [N ceil(D / stride), H, W, 3 C],
+ * image i of a volume: slices stride i - 1, stride i, stride i + 1, zero outside. A 3x3 convolution
+ * of it is a 3x3x3 one of x. */
+lf_tensor *lf_volume_slices(lf_tape *tape, lf_tensor *x, long stride);
+/* Trilinear samples of x [N, D, H, W, C] at position [Q, 3] of volume number volume[q] -> [Q, C]:
+ * x, y, z along W, H, D; the corner voxels' centres are at -1/2 and 1/2, beyond them is the
+ * border. */
+lf_tensor *lf_sample_volume(lf_tape *tape, lf_tensor *x, long points, const double *position,
+                            const long *volume);
+
 /* y[..., f] = sum of the `group` adjacent channels of field f: x [..., group F] -> [..., F]. */
 lf_tensor *lf_group_sum(lf_tape *tape, lf_tensor *x, long group);
 

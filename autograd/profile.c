@@ -169,7 +169,7 @@ bool lf_profiled(const lf_tape *tape)
     return lf_tape_part(tape) != NULL;
 }
 
-void lf_count(lf_tape *tape, double forward, double backward)
+void lf_products(lf_tape *tape, double forward, double backward)
 {
     lf_profile_part *p = lf_tape_part(tape);
     if (!p)
@@ -179,12 +179,12 @@ void lf_count(lf_tape *tape, double forward, double backward)
     p->expect[1] = backward;
 }
 
-void lf_count_product(lf_tape *tape, double products, const lf_tensor *a, const lf_tensor *b)
+void lf_products_of(lf_tape *tape, double products, const lf_tensor *a, const lf_tensor *b)
 {
-    lf_count(tape, products, products * (a->wants + b->wants));
+    lf_products(tape, products, products * (a->wants + b->wants));
 }
 
-double lf_count_present(long n, const lf_real *mask)
+double lf_present(long n, const lf_real *mask)
 {
     double present = 0;
     for (long i = 0; i < n; i++)

@@ -20,16 +20,10 @@ typedef struct net_work {
     lf_ibrnet net;
     long rays, samples, views, tile;
     lf_real *seen, *gradient, *difference, *mask, *count;
+    lf_real *colour, *sigma; /* of the last run */
     lf_tape *tape[LANES];
     lf_real *lane[LANES]; /* gradients of the parameters */
 } net_work;
-
-static lf_real *numbers(long n)
-{
-    lf_real *x = calloc((size_t)n, sizeof *x);
-    LF_REQUIRE(x, "out of memory for %ld numbers", n);
-    return x;
-}
 
 static void run_tile(const net_work *w, lf_tape *tape, lf_real *lane, long ray)
 {
@@ -47,6 +41,9 @@ static void run_tile(const net_work *w, lf_tape *tape, lf_real *lane, long ray)
                 w->gradient + first * INPUTS),
         &geometry, lf_leaf(tape, 4, LF_DIMS(n, s, v, 4), w->difference + first * 4, NULL)};
     const lf_radiance out = lf_ibrnet_apply(tape, &w->net, &in);
+    memcpy(w->colour + ray * s * LF_RGB, out.colour->value,
+           (size_t)out.colour->size * sizeof(lf_real));
+    memcpy(w->sigma + ray * s, out.sigma->value, (size_t)out.sigma->size * sizeof(lf_real));
     lf_tensor *const part[] = {out.colour, out.sigma};
     for (int k = 0; k < 2; k++) {
         lf_real *grad = lf_grad(tape, part[k]);
@@ -76,6 +73,17 @@ static void run(lf_bench_work *work)
     }
 }
 
+static void net_outputs(lf_bench_work *work, lf_outputs *to)
+{
+    const net_work *w = (net_work *)work;
+    const long points = w->rays * w->samples;
+    run(work);
+    lf_outputs_add(to, "colour", points * LF_RGB, w->colour);
+    lf_outputs_add(to, "density", points, w->sigma);
+    lf_outputs_add(to, "gradient", lf_store_size(w->store), lf_store_grads(w->store));
+    lf_outputs_add(to, "features' gradient", points * w->views * INPUTS, w->gradient);
+}
+
 static void close_net(lf_bench_work *work)
 {
     net_work *w = (net_work *)work;
@@ -88,6 +96,8 @@ static void close_net(lf_bench_work *work)
     free(w->difference);
     free(w->mask);
     free(w->count);
+    free(w->colour);
+    free(w->sigma);
     lf_store_free(w->store);
     free(w);
 }
@@ -97,9 +107,9 @@ static void fill(net_work *w)
     const long points = w->rays * w->samples, rows = points * w->views;
     lf_stream r = lf_stream_at(2, LF_RANDOM_TEST, 1, 0);
     for (long i = 0; i < rows * INPUTS; i++)
-        w->seen[i] = (lf_real)lf_uniform(&r);
+        w->seen[i] = lf_reference_input(lf_uniform(&r));
     for (long i = 0; i < rows * 4; i++)
-        w->difference[i] = (lf_real)(2 * lf_uniform(&r) - 1);
+        w->difference[i] = lf_reference_input(2 * lf_uniform(&r) - 1);
     for (long i = 0; i < rows; i++)
         w->mask[i] = 1;
     for (long i = 0; i < points; i++)
@@ -109,28 +119,34 @@ static void fill(net_work *w)
 /* size: rays, samples, views, rays of a tile */
 static lf_bench_work *open_net(const lf_bench_case *c)
 {
-    net_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
+    net_work *w = lf_bench_room(1, sizeof *w);
     w->rays = c->size[0];
     w->samples = c->size[1];
     w->views = c->size[2];
     w->tile = c->size[3];
     w->store = lf_store_create(1);
     lf_ibrnet_init(w->store, &w->net, "ibrnet", &(lf_ibrnet_config){INPUTS, 16, true});
+    lf_reference_round(lf_store_size(w->store), lf_store_values(w->store));
     const long points = w->rays * w->samples, rows = points * w->views;
-    w->seen = numbers(rows * INPUTS);
-    w->gradient = numbers(rows * INPUTS);
-    w->difference = numbers(rows * 4);
-    w->mask = numbers(rows);
-    w->count = numbers(points);
+    w->colour = lf_bench_room(points * LF_RGB, sizeof(lf_real));
+    w->sigma = lf_bench_room(points, sizeof(lf_real));
+    w->seen = lf_bench_room(rows * INPUTS, sizeof(lf_real));
+    w->gradient = lf_bench_room(rows * INPUTS, sizeof(lf_real));
+    w->difference = lf_bench_room(rows * 4, sizeof(lf_real));
+    w->mask = lf_bench_room(rows, sizeof(lf_real));
+    w->count = lf_bench_room(points, sizeof(lf_real));
     fill(w);
     for (int l = 0; l < LANES; l++) {
         w->tape[l] = lf_tape_create();
-        w->lane[l] = numbers(lf_store_size(w->store));
+        w->lane[l] = lf_bench_room(lf_store_size(w->store), sizeof(lf_real));
     }
+    /* what is seen is read, its gradient read and written; between lies a tile, in the caches */
+    const double numbers = (double)rows * (3 * INPUTS + 4 + 1) + (double)points * (1 + LF_RGB + 1);
     w->work =
-        (lf_bench_work){.flop = 6 * (double)points * lf_ibrnet_macs(&w->net, w->samples, w->views),
+        (lf_bench_work){.bytes = numbers * sizeof(lf_real),
+                        .flop = 6 * (double)points * lf_ibrnet_macs(&w->net, w->samples, w->views),
                         .run = run,
+                        .outputs = net_outputs,
                         .close = close_net};
     return &w->work;
 }
@@ -145,4 +161,4 @@ static const lf_bench_case cases[] = {
     {"ibrnet-4", "the same in tiles of four rays", open_net, {512, 32, 8, 4}, 0},
 };
 
-const lf_bench_table lf_bench_ibrnet = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_ibrnet = {"networks", cases, sizeof cases / sizeof *cases, false};

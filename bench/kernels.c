@@ -16,18 +16,21 @@ static lf_real *numbers(long n, uint64_t item)
     LF_REQUIRE(x, "no memory for %ld numbers", n);
     lf_stream s = lf_stream_at(1, LF_RANDOM_TEST, 1, item);
     for (long i = 0; i < n; i++)
-        x[i] = (lf_real)(2 * lf_uniform(&s) - 1);
+        x[i] = lf_reference_input(2 * lf_uniform(&s) - 1);
     return x;
 }
 
-static double worst(const lf_real *a, const lf_real *b, long n)
+/* Room for results that runs add to. */
+static lf_real *zeros(long n)
 {
-    double difference = 0, size = 1e-300;
-    for (long i = 0; i < n; i++) {
-        difference = fmax(difference, fabs((double)a[i] - (double)b[i]));
-        size = fmax(size, fabs((double)b[i]));
-    }
-    return difference / size;
+    lf_real *x = numbers(n, 0);
+    memset(x, 0, (size_t)n * sizeof *x);
+    return x;
+}
+
+static double bytes_of(long numbers)
+{
+    return (double)numbers * sizeof(lf_real);
 }
 
 /* ---- matrix product -------------------------------------------------------------------------- */
@@ -44,16 +47,11 @@ static void run_matmul(lf_bench_work *work)
     lf_kernel_matmul(w->m, w->n, w->k, w->a, w->b, w->c, false);
 }
 
-static double error_matmul(lf_bench_work *work)
+static void matmul_outputs(lf_bench_work *work, lf_outputs *to)
 {
     const matmul_work *w = (matmul_work *)work;
-    const long rows = w->m < 64 ? w->m : 64;
-    lf_real *r = numbers(rows * w->n, 9);
     run_matmul(work);
-    lf_ref_matmul(rows, w->n, w->k, w->a, w->b, r, false);
-    const double error = worst(w->c, r, rows * w->n);
-    free(r);
-    return error;
+    lf_outputs_add(to, "product", w->m * w->n, w->c);
 }
 
 static void close_matmul(lf_bench_work *work)
@@ -67,13 +65,13 @@ static void close_matmul(lf_bench_work *work)
 
 static lf_bench_work *open_matmul(const lf_bench_case *c)
 {
-    matmul_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
-    w->base = (lf_bench_work){.run = run_matmul, .error = error_matmul, .close = close_matmul};
+    matmul_work *w = lf_bench_room(1, sizeof *w);
+    w->base = (lf_bench_work){.run = run_matmul, .close = close_matmul, .outputs = matmul_outputs};
     w->m = c->size[0];
     w->n = c->size[1];
     w->k = c->size[2];
     w->base.flop = 2.0 * (double)w->m * (double)w->n * (double)w->k;
+    w->base.bytes = bytes_of(w->m * w->k + w->k * w->n + w->m * w->n);
     w->a = numbers(w->m * w->k, 1);
     w->b = numbers(w->k * w->n, 2);
     w->c = numbers(w->m * w->n, 3);
@@ -82,11 +80,11 @@ static lf_bench_work *open_matmul(const lf_bench_case *c)
 
 /* ---- linear maps ----------------------------------------------------------------------------- */
 
-enum { FORWARD, DX, DW };
+enum { FORWARD, DX, DW, TRAIN /* all three */ };
 
 /* One thread's tile. */
 typedef struct tile {
-    lf_real *x, *w, *b, *y, *dx, *dw, *db;
+    lf_real *x, *w, *b, *y, *dy, *dx, *dw, *db;
 } tile;
 
 typedef struct linear_work {
@@ -100,12 +98,13 @@ enum { TURNS = 64 }; /* products of a run, so that starting the threads does not
 
 static void run_tile(const linear_work *w, const tile *t)
 {
-    if (w->variant == FORWARD)
+    const int v = w->variant;
+    if (v == FORWARD || v == TRAIN)
         lf_kernel_linear(w->rows, w->in, w->out, t->x, t->w, t->b, LF_RELU, t->y);
-    else if (w->variant == DX)
-        lf_kernel_linear_dx(w->rows, w->in, w->out, t->y, t->w, t->dx);
-    else
-        lf_kernel_linear_dw(w->rows, w->in, w->out, t->x, t->y, t->dw, t->db);
+    if (v == DX || v == TRAIN)
+        lf_kernel_linear_dx(w->rows, w->in, w->out, t->dy, t->w, t->dx);
+    if (v == DW || v == TRAIN)
+        lf_kernel_linear_dw(w->rows, w->in, w->out, t->x, t->dy, t->dw, t->db);
 }
 
 static void run_linear(lf_bench_work *work)
@@ -117,26 +116,30 @@ static void run_linear(lf_bench_work *work)
             run_tile(w, &w->tile[t]);
 }
 
-static double error_linear(lf_bench_work *work)
+static void linear_outputs(lf_bench_work *work, lf_outputs *to)
 {
     const linear_work *w = (linear_work *)work;
     const tile *t = &w->tile[0];
-    const long rows = w->rows, in = w->in, out = w->out;
-    const long size = w->variant == FORWARD ? rows * out : w->variant == DX ? rows * in : in * out;
-    lf_real *fast = w->variant == FORWARD ? t->y : w->variant == DX ? t->dx : t->dw;
-    lf_real *r = numbers(size, 9);
-    memset(fast, 0, (size_t)size * sizeof *r); /* many runs have added to it */
-    memset(r, 0, (size_t)size * sizeof *r);
     run_tile(w, t);
-    if (w->variant == FORWARD)
-        lf_ref_linear(rows, in, out, t->x, t->w, t->b, LF_RELU, r);
-    else if (w->variant == DX)
-        lf_ref_linear_dx(rows, in, out, t->y, t->w, r);
-    else
-        lf_ref_linear_dw(rows, in, out, t->x, t->y, r, NULL);
-    const double error = worst(fast, r, size);
-    free(r);
-    return error;
+    if (w->variant == FORWARD || w->variant == TRAIN)
+        lf_outputs_add(to, "y", w->rows * w->out, t->y);
+    if (w->variant == DX || w->variant == TRAIN)
+        lf_outputs_add(to, "dx", w->rows * w->in, t->dx);
+    if (w->variant == DW || w->variant == TRAIN) {
+        lf_outputs_add(to, "dw", w->in * w->out, t->dw);
+        lf_outputs_add(to, "db", w->out, t->db);
+    }
+}
+
+/* Numbers that one product reads and writes. */
+static long linear_moves(const linear_work *w)
+{
+    const long x = w->rows * w->in, y = w->rows * w->out, m = w->in * w->out;
+    const long forward = x + m + w->out + y, dx = y + m + 2 * x, dw = x + y + 2 * (m + w->out);
+    return w->variant == FORWARD ? forward
+           : w->variant == DX    ? dx
+           : w->variant == DW    ? dw
+                                 : forward + dx + dw;
 }
 
 static void close_linear(lf_bench_work *work)
@@ -144,8 +147,8 @@ static void close_linear(lf_bench_work *work)
     linear_work *w = (linear_work *)work;
     for (int k = 0; k < w->tiles; k++) {
         tile *t = &w->tile[k];
-        lf_real *arrays[] = {t->x, t->w, t->b, t->y, t->dx, t->dw, t->db};
-        for (int i = 0; i < 7; i++)
+        lf_real *arrays[] = {t->x, t->w, t->b, t->y, t->dy, t->dx, t->dw, t->db};
+        for (int i = 0; i < 8; i++)
             free(arrays[i]);
     }
     free(w->tile);
@@ -154,22 +157,27 @@ static void close_linear(lf_bench_work *work)
 
 static lf_bench_work *open_linear(const lf_bench_case *c)
 {
-    linear_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
-    w->base = (lf_bench_work){.run = run_linear, .error = error_linear, .close = close_linear};
+    linear_work *w = lf_bench_room(1, sizeof *w);
+    w->base = (lf_bench_work){.run = run_linear, .close = close_linear, .outputs = linear_outputs};
     w->rows = c->size[0];
     w->in = c->size[1];
     w->out = c->size[2];
     w->variant = c->variant;
     w->tiles = omp_get_max_threads();
-    w->base.flop = 2.0 * (double)w->rows * (double)w->in * (double)w->out * TURNS * w->tiles;
-    w->tile = calloc((size_t)w->tiles, sizeof *w->tile);
-    LF_REQUIRE(w->tile, "no memory");
-    for (int k = 0; k < w->tiles; k++)
-        w->tile[k] = (tile){numbers(w->rows * w->in, 1), numbers(w->in * w->out, 2),
-                            numbers(w->out, 3),          numbers(w->rows * w->out, 4),
-                            numbers(w->rows * w->in, 5), numbers(w->in * w->out, 6),
-                            numbers(w->out, 7)};
+    const double runs = (double)TURNS * w->tiles;
+    w->base.flop = (w->variant == TRAIN ? 6.0 : 2.0) * (double)(w->rows * w->in * w->out) * runs;
+    w->base.bytes = bytes_of(linear_moves(w)) * runs;
+    w->base.footprint = bytes_of(linear_moves(w)) * w->tiles;
+    w->tile = lf_bench_room(w->tiles, sizeof *w->tile);
+    for (int k = 0; k < w->tiles; k++) /* tiles of all threads are alike */
+        w->tile[k] = (tile){.x = numbers(w->rows * w->in, 1),
+                            .w = numbers(w->in * w->out, 2),
+                            .b = numbers(w->out, 3),
+                            .y = zeros(w->rows * w->out),
+                            .dy = numbers(w->rows * w->out, 4),
+                            .dx = zeros(w->rows * w->in),
+                            .dw = zeros(w->in * w->out),
+                            .db = zeros(w->out)};
     return &w->base;
 }
 
@@ -182,45 +190,30 @@ typedef struct conv_work {
     lf_real *x, *w, *b, *y, *dx, *dw, *db, *scratch;
 } conv_work;
 
-static void run_conv_shape(const conv_work *w, const lf_conv *s)
-{
-    if (w->variant == FORWARD)
-        lf_kernel_conv(s, w->x, w->w, w->b, LF_RELU, w->y, w->scratch);
-    else if (w->variant == DX)
-        lf_kernel_conv_dx(s, w->y, w->w, w->dx, w->scratch);
-    else
-        lf_kernel_conv_dw(s, w->x, w->y, w->dw, w->db, w->scratch);
-}
-
 static void run_conv(lf_bench_work *work)
 {
     const conv_work *w = (conv_work *)work;
-    run_conv_shape(w, &w->s);
+    if (w->variant == FORWARD)
+        lf_kernel_conv(&w->s, w->x, w->w, w->b, LF_RELU, w->y, w->scratch);
+    else if (w->variant == DX)
+        lf_kernel_conv_dx(&w->s, w->y, w->w, w->dx, w->scratch);
+    else
+        lf_kernel_conv_dw(&w->s, w->x, w->y, w->dw, w->db, w->scratch);
 }
 
-/* Of the first image alone: the reference is slow. */
-static double error_conv(lf_bench_work *work)
+static void conv_outputs(lf_bench_work *work, lf_outputs *to)
 {
     const conv_work *w = (conv_work *)work;
-    lf_conv s = w->s;
-    s.images = 1;
-    const long sizes[] = {s.out_height * s.out_width * s.out, s.height * s.width * s.in,
-                          s.size * s.size * s.in * s.out};
-    const long size = sizes[w->variant];
-    lf_real *results[] = {w->y, w->dx, w->dw}, *fast = results[w->variant];
-    lf_real *r = numbers(size, 9);
-    memset(fast, 0, (size_t)size * sizeof *r);
-    memset(r, 0, (size_t)size * sizeof *r);
-    run_conv_shape(w, &s);
+    const lf_conv *s = &w->s;
+    run_conv(work);
     if (w->variant == FORWARD)
-        lf_ref_conv(&s, w->x, w->w, w->b, LF_RELU, r, NULL);
+        lf_outputs_add(to, "y", s->images * s->out_height * s->out_width * s->out, w->y);
     else if (w->variant == DX)
-        lf_ref_conv_dx(&s, w->y, w->w, r, NULL);
-    else
-        lf_ref_conv_dw(&s, w->x, w->y, r, NULL, NULL);
-    const double error = worst(fast, r, size);
-    free(r);
-    return error;
+        lf_outputs_add(to, "dx", s->images * s->height * s->width * s->in, w->dx);
+    else {
+        lf_outputs_add(to, "dw", s->size * s->size * s->in * s->out, w->dw);
+        lf_outputs_add(to, "db", s->out, w->db);
+    }
 }
 
 static void close_conv(lf_bench_work *work)
@@ -234,9 +227,8 @@ static void close_conv(lf_bench_work *work)
 
 static lf_bench_work *open_conv(const lf_bench_case *c)
 {
-    conv_work *w = calloc(1, sizeof *w);
-    LF_REQUIRE(w, "no memory");
-    w->base = (lf_bench_work){.run = run_conv, .error = error_conv, .close = close_conv};
+    conv_work *w = lf_bench_room(1, sizeof *w);
+    w->base = (lf_bench_work){.run = run_conv, .close = close_conv, .outputs = conv_outputs};
     w->s = lf_conv_shape(c->size[0], c->size[1], c->size[1], c->size[2], c->size[3], c->size[4],
                          c->size[5], c->size[6]);
     w->variant = c->variant;
@@ -244,14 +236,16 @@ static lf_bench_work *open_conv(const lf_bench_case *c)
     const long xs = s->images * s->height * s->width * s->in;
     const long ys = s->images * s->out_height * s->out_width * s->out;
     const long ws = s->size * s->size * s->in * s->out;
+    const long moves[] = {xs + ws + s->out + ys, ys + ws + 2 * xs, xs + ys + 2 * (ws + s->out)};
     w->base.flop = 2.0 * (double)ys * (double)(s->size * s->size * s->in);
+    w->base.bytes = bytes_of(moves[w->variant]);
     w->x = numbers(xs, 1);
     w->w = numbers(ws, 2);
     w->b = numbers(s->out, 3);
     w->y = numbers(ys, 4);
-    w->dx = numbers(xs, 5);
-    w->dw = numbers(ws, 6);
-    w->db = numbers(s->out, 7);
+    w->dx = zeros(xs);
+    w->dw = zeros(ws);
+    w->db = zeros(s->out);
     w->scratch = numbers(lf_conv_scratch(s), 8);
     return &w->base;
 }
@@ -287,6 +281,7 @@ static const lf_bench_case cases[] = {
     {"gemm-512", "matrix product 512 x 512 x 512", open_matmul, {512, 512, 512}, 0},
     {"gemm-1024", "matrix product 1024 x 1024 x 1024", open_matmul, {1024, 1024, 1024}, 0},
     LINEAR("32", 480, 32, 32),
+    {"linear-32-train", "32 -> 32, forward and both gradients", open_linear, {480, 32, 32}, TRAIN},
     LINEAR("16", 480, 16, 16),
     LINEAR("34-64", 512, 34, 64),
     LINEAR("66-24", 1024, 66, 24),
@@ -294,6 +289,7 @@ static const lf_bench_case cases[] = {
     LINEAR("256-128", 512, 256, 128),
     LINEAR("64-1", 1024, 64, 1),
     CONV("64", 8, 64, 64, 64, 3, 1, 1),
+    CONV("32", 8, 64, 32, 32, 3, 1, 1),
     CONV("stem", 8, 65, 3, 32, 7, 2, 3),
     CONV("33-32-s2", 8, 33, 32, 32, 3, 2, 1),
     CONV("17-32", 8, 17, 32, 32, 3, 1, 1),
@@ -305,4 +301,4 @@ static const lf_bench_case cases[] = {
     CONV("9-1x1", 8, 9, 64, 16, 1, 1, 0),
 };
 
-const lf_bench_table lf_bench_kernels = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_kernels = {"kernels", cases, sizeof cases / sizeof *cases, false};

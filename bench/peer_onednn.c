@@ -142,4 +142,4 @@ static const lf_bench_case cases[] = {
     PEER("3-256", "3x3, 256 -> 256, 8 images 3x3", 8, 3, 256, 256, 3, 1, 1),
 };
 
-const lf_bench_table lf_bench_onednn = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_onednn = {"kernels", cases, sizeof cases / sizeof *cases, false};

@@ -22,16 +22,9 @@ typedef struct step_work {
     long rays, samples, views, tile;
     double *origin, *direction, *depth, *centre;
     uint8_t *seen;
-    lf_real *feature, *feature_grad, *lane;
+    lf_real *feature, *feature_grad, *lane, *colour;
     lf_tape *tape[WORKERS];
 } step_work;
-
-static void *room(long count, size_t size)
-{
-    void *p = calloc((size_t)count, size);
-    LF_REQUIRE(p, "out of memory for %ld times %zu bytes", count, size);
-    return p;
-}
 
 static void run_tile(step_work *s, lf_tape *tape, lf_real *lane, long from, long count)
 {
@@ -54,6 +47,7 @@ static void run_tile(step_work *s, lf_tape *tape, lf_real *lane, long from, long
     const lf_radiance y =
         lf_ray_equivariant_apply(tape, &s->model, &(lf_ray_inputs){seen, &g, NULL});
     const lf_rendered r = lf_volume(tape, y.sigma, y.colour, g.depth, false);
+    memcpy(s->colour + from * LF_RGB, r.colour->value, (size_t)r.colour->size * sizeof(lf_real));
     lf_real *grad = lf_grad(tape, r.colour);
     for (long i = 0; i < r.colour->size; i++)
         grad[i] = 2 * r.colour->value[i] / (lf_real)(s->rays * LF_RGB);
@@ -89,6 +83,16 @@ static void run_step(lf_bench_work *work)
         work->memory += s->tape[w] ? (double)lf_tape_peak(s->tape[w]) : 0;
 }
 
+static void step_outputs(lf_bench_work *work, lf_outputs *to)
+{
+    const step_work *s = (step_work *)work;
+    run_step(work);
+    lf_outputs_add(to, "colour", s->rays * LF_RGB, s->colour);
+    lf_outputs_add(to, "gradient", lf_store_size(s->store), lf_store_grads(s->store));
+    lf_outputs_add(to, "features' gradient",
+                   s->rays * s->samples * s->views * s->model.config.inputs, s->feature_grad);
+}
+
 static void close_step(lf_bench_work *work)
 {
     step_work *s = (step_work *)work;
@@ -103,6 +107,7 @@ static void close_step(lf_bench_work *work)
     free(s->feature);
     free(s->feature_grad);
     free(s->lane);
+    free(s->colour);
     free(s);
 }
 
@@ -137,13 +142,13 @@ static void fill_scene(step_work *s)
     const long seen = s->rays * s->samples * s->views;
     memset(s->seen, 1, (size_t)seen);
     for (long i = 0; i < seen * s->model.config.inputs; i++)
-        s->feature[i] = (lf_real)lf_uniform(&r);
+        s->feature[i] = lf_reference_input(lf_uniform(&r));
 }
 
 /* sizes: rays, samples, views, rays of a tile */
 static lf_bench_work *open_step(const lf_bench_case *c)
 {
-    step_work *s = room(1, sizeof *s);
+    step_work *s = lf_bench_room(1, sizeof *s);
     const lf_ray_equivariant_config config = {
         {8, {0, 2, 4, 8, 16, 32, 64, 128}}, 35, 4, 16, 4, true, true};
     s->rays = c->size[0];
@@ -152,21 +157,27 @@ static lf_bench_work *open_step(const lf_bench_case *c)
     s->tile = c->size[3];
     s->store = lf_store_create(1);
     lf_ray_equivariant_init(s->store, &s->model, "net", &config);
+    lf_reference_round(lf_store_size(s->store), lf_store_values(s->store));
     const long seen = s->rays * s->samples * s->views;
-    s->origin = room(3 * s->rays, sizeof *s->origin);
-    s->direction = room(3 * s->rays, sizeof *s->direction);
-    s->depth = room(s->rays * s->samples, sizeof *s->depth);
-    s->centre = room(3 * s->views, sizeof *s->centre);
-    s->seen = room(seen, 1);
-    s->feature = room(seen * config.inputs, sizeof *s->feature);
-    s->feature_grad = room(seen * config.inputs, sizeof *s->feature);
-    s->lane = room(LANES * lf_store_size(s->store), sizeof *s->lane);
+    s->origin = lf_bench_room(3 * s->rays, sizeof *s->origin);
+    s->direction = lf_bench_room(3 * s->rays, sizeof *s->direction);
+    s->depth = lf_bench_room(s->rays * s->samples, sizeof *s->depth);
+    s->centre = lf_bench_room(3 * s->views, sizeof *s->centre);
+    s->seen = lf_bench_room(seen, 1);
+    s->feature = lf_bench_room(seen * config.inputs, sizeof *s->feature);
+    s->feature_grad = lf_bench_room(seen * config.inputs, sizeof *s->feature);
+    s->colour = lf_bench_room(s->rays * LF_RGB, sizeof *s->colour);
+    s->lane = lf_bench_room(LANES * lf_store_size(s->store), sizeof *s->lane);
     for (int w = 0; w < WORKERS && w < omp_get_max_threads(); w++)
         s->tape[w] = lf_tape_create();
     fill_scene(s);
-    s->work = (lf_bench_work){.flop = 6 * (double)(s->rays * s->samples) *
+    /* features are read, their gradient set to zero, read and written; between lies a tile, in the
+     * caches */
+    s->work = (lf_bench_work){.bytes = 4.0 * (double)(seen * config.inputs) * sizeof(lf_real),
+                              .flop = 6 * (double)(s->rays * s->samples) *
                                       lf_ray_equivariant_macs(&s->model, s->samples, s->views),
                               .run = run_step,
+                              .outputs = step_outputs,
                               .close = close_step};
     return &s->work;
 }
@@ -184,4 +195,5 @@ static const lf_bench_case cases[] = {
      0},
 };
 
-const lf_bench_table lf_bench_ray_equivariant = {cases, sizeof cases / sizeof *cases};
+const lf_bench_table lf_bench_ray_equivariant = {"networks", cases, sizeof cases / sizeof *cases,
+                                                 false};

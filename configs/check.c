@@ -1,6 +1,11 @@
 /* check.c: keys that must fit each other, and values worth a warning. */
 #include "configs/configs.h"
 
+bool lf_config_renders(const lf_config *cfg)
+{
+    return lf_config_is(cfg, "model.type", "renderer") || lf_config_is(cfg, "model.type", "ibrnet");
+}
+
 /* How many pixels of the view lie between two pixels of the last map. */
 static long total_stride(const lf_config *cfg)
 {
@@ -59,6 +64,19 @@ static lf_status check_sizes(const lf_config *cfg, lf_error *err)
     return LF_OK;
 }
 
+static lf_status check_volume(const lf_config *cfg, lf_error *err)
+{
+    int levels;
+    lf_config_ints(cfg, "model.volume", &levels);
+    const long grid = lf_config_int(cfg, "model.grid"), stride = 1L << (levels - 1);
+    if ((grid - 1) % stride)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "model.grid = %ld: with %d levels in model.volume, allowed is a multiple of "
+                       "%ld, plus 1",
+                       grid, levels, stride);
+    return LF_OK;
+}
+
 static lf_status check_grid(const lf_config *cfg, lf_error *err)
 {
     const long fine = lf_config_int(cfg, "eval.resolution"),
@@ -79,6 +97,16 @@ static lf_status check_head(const lf_config *cfg, const char *key, lf_error *err
     if (channels % heads)
         return lf_fail(err, LF_BAD_INPUT, "%s = %ld: allowed is a multiple of model.heads = %ld",
                        key, channels, heads);
+    return LF_OK;
+}
+
+static lf_status check_fusion(const lf_config *cfg, lf_error *err)
+{
+    LF_TRY(check_head(cfg, "model.scalars", err));
+    LF_TRY(check_head(cfg, "model.vectors", err));
+    if (lf_config_int(cfg, "model.vectors") == 0 && lf_config_bool(cfg, "model.degree2"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "model.degree2 = true: it is a path between vectors, and model.vectors = 0");
     return LF_OK;
 }
 
@@ -118,9 +146,24 @@ static lf_status check_render(const lf_config *cfg, lf_error *err)
     if (lf_config_int(cfg, "render.width") % 4)
         return lf_fail(err, LF_BAD_INPUT, "render.width = %ld: allowed is a multiple of 4",
                        lf_config_int(cfg, "render.width"));
+    if (lf_config_int(cfg, "render.sources") < 2)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "render.sources = 1: allowed is 2 and more, as a ray trains only where two "
+                       "views see it (an evaluated view may have eval.sources = 1)");
+    if (lf_config_int(cfg, "train.seen_samples") >= lf_config_int(cfg, "render.samples"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "train.seen_samples = %ld: allowed is less than render.samples = %ld, or no "
+                       "ray counts",
+                       lf_config_int(cfg, "train.seen_samples"),
+                       lf_config_int(cfg, "render.samples"));
     if (pools != 3 || pool[0] + pool[1] + pool[2] != 100)
         return lf_fail(err, LF_BAD_INPUT,
                        "train.pool: allowed are three numbers that add up to 100");
+    if (!lf_config_is(cfg, "data.setting", "I"))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "data.setting = %s: allowed is I: renderers train on cameras as they are; "
+                       "elf-eval --setting SO3 turns the frame",
+                       lf_config_choice(cfg, "data.setting"));
     if (lf_config_int(cfg, "data.builtin_scenes") == 0 &&
         strcmp(lf_config_string(cfg, "data.scenes"), "none") == 0)
         return lf_fail(err, LF_BAD_INPUT,
@@ -130,12 +173,14 @@ static lf_status check_render(const lf_config *cfg, lf_error *err)
 
 lf_status lf_config_check(const lf_config *cfg, lf_error *err)
 {
-    if (!lf_config_is(cfg, "model.type", "equivariant"))
+    if (lf_config_renders(cfg))
         return check_render(cfg, err);
     LF_TRY(check_backbone(cfg, err));
     LF_TRY(check_sizes(cfg, err));
-    LF_TRY(check_head(cfg, "model.scalars", err));
-    LF_TRY(check_head(cfg, "model.vectors", err));
+    if (lf_config_is(cfg, "model.type", "equivariant"))
+        LF_TRY(check_fusion(cfg, err));
+    if (lf_config_is(cfg, "model.type", "fvor"))
+        LF_TRY(check_volume(cfg, err));
     LF_TRY(check_data(cfg, err));
     return check_grid(cfg, err);
 }
@@ -183,7 +228,7 @@ static int warn_steps(const lf_config *cfg, FILE *out)
 
 int lf_config_warn(const lf_config *cfg, FILE *out)
 {
-    if (!lf_config_is(cfg, "model.type", "equivariant"))
+    if (lf_config_renders(cfg))
         return warn_steps(cfg, out);
     return warn_views(cfg, out) + warn_steps(cfg, out);
 }

@@ -64,6 +64,8 @@ const char *lf_config_string(const lf_config *cfg, const char *key);
 const char *lf_config_choice(const lf_config *cfg, const char *key);
 /* Is the chosen word `word`? A word that is no choice of the key aborts. */
 bool lf_config_is(const lf_config *cfg, const char *key, const char *word);
+/* Is model.type a renderer (and not a network for reconstruction)? */
+bool lf_config_renders(const lf_config *cfg);
 /* A list of *count >= 1 numbers, owned by cfg, valid until the key is set again. */
 const long *lf_config_ints(const lf_config *cfg, const char *key, int *count);
 

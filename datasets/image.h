@@ -36,9 +36,10 @@ float *lf_image_at(const lf_image *image, int column, int row);
 
 /* Read any picture that OpenImageIO knows (PNG, JPEG, EXR, TIFF, ...); 8 and 16 bits become 0..1,
  * floating values outside are cut to 0..1. The EXIF orientation is applied, so row 0 is the top.
- * Alpha comes straight, not multiplied. LF_BAD_INPUT: no such file, not a picture, cut short,
- * no pixel, larger than LF_IMAGE_SIZE_MAX, CMYK or more than 4 channels, values that are not
- * finite, deep or volume pictures. */
+ * Alpha comes straight: EXR and TIFF that store colours multiplied by it are divided. LF_BAD_INPUT:
+ * no such file, not a picture, cut short, no pixel, larger than LF_IMAGE_SIZE_MAX, CMYK or more
+ * than 4 channels, values that are not finite, deep or volume pictures; WebP and JPEG 2000 with
+ * alpha where OpenImageIO gives it multiplied only. */
 lf_status lf_image_read(const char *path, lf_image **out, lf_error *err);
 
 /* Only the header: the size after orientation. */

@@ -118,6 +118,29 @@ lf_status take_pixels(const char *path, const ImageBuf &buffer, lf_image *image,
     return LF_OK;
 }
 
+/* Make alpha straight. OpenImageIO multiplies colours by alpha where the format does not store them
+ * so, but for those readers that heed the wish of read_buffer and then say so. */
+lf_status straighten(const char *path, const std::string &format, ImageBuf &buffer, lf_error *err)
+{
+    const ImageSpec &spec = buffer.spec();
+    if (spec.alpha_channel < 0 || spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
+        return LF_OK;
+    if (format == "webp" || format == "jpeg2000")
+        return lf_fail(err, LF_BAD_INPUT,
+                       "%s: the alpha of a %s picture cannot be read exactly; save it as PNG", path,
+                       format.c_str());
+    if (format != "openexr" && format != "tiff")
+        return LF_OK; /* stored straight, and passed on as stored */
+    const size_t channels = static_cast<size_t>(spec.nchannels);
+    const size_t alpha = static_cast<size_t>(spec.alpha_channel);
+    float *at = static_cast<float *>(buffer.localpixels());
+    for (size_t i = 0; i < static_cast<size_t>(spec.image_pixels()); i++, at += channels)
+        for (size_t c = 0; c < channels; c++)
+            if (c != alpha && at[alpha] > 0)
+                at[c] /= at[alpha];
+    return LF_OK;
+}
+
 /* The whole picture as float, not oriented. ImageInput reports a file that is cut short. */
 lf_status read_buffer(const char *path, ImageBuf &out, lf_error *err)
 {
@@ -134,7 +157,7 @@ lf_status read_buffer(const char *path, ImageBuf &out, lf_error *err)
         in->has_error())
         return lf_fail(err, LF_BAD_INPUT, "%s: the picture is damaged or cut short: %s", path,
                        in->geterror().c_str());
-    return LF_OK;
+    return straighten(path, in->format_name(), out, err);
 }
 
 lf_status read_image(const char *path, lf_image **out, lf_error *err)

@@ -17,6 +17,8 @@ typedef struct lf_projection {
     double *distance;  /* [points, 8] */
     uint8_t *mask;     /* [points, 8] 1 = seen */
     long *first;       /* [points] number of the image of the point's first view */
+    double *position;  /* [points, 3] the point itself, in the object's frame */
+    double *bearing;   /* [points, 8, 3] the directions in the object's frame */
 } lf_projection;
 
 /* Room for so many points; aborts if memory runs out. Free it once. */

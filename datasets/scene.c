@@ -39,7 +39,7 @@ const char *lf_scene_depths_name(lf_scene_depths depths)
 
 lf_scene_options lf_scene_defaults(void)
 {
-    return (lf_scene_options){1, 8, 0, 0, 1, 1, (size_t)512 << 20};
+    return (lf_scene_options){1, 8, 0, 0, (size_t)512 << 20};
 }
 
 long lf_scene_count(const lf_scene *scene, lf_scene_split split)
@@ -149,22 +149,6 @@ static void guess_depths(lf_scene *scene)
     }
 }
 
-/* The bounds of the files and points, by the factors; none is guessed yet. */
-static lf_status scale_depths(lf_scene *scene, const lf_scene_options *o, lf_error *err)
-{
-    for (long i = 0; i < scene->views; i++) {
-        lf_scene_view *v = &scene->view[i];
-        const double near = v->near * o->near_factor, far = v->far * o->far_factor;
-        if (v->far > 0 && !(near < far))
-            return lf_fail(err, LF_BAD_INPUT,
-                           "%s: near %g x %g is not below far %g x %g; choose other factors",
-                           v->name, v->near, o->near_factor, v->far, o->far_factor);
-        v->near = near;
-        v->far = far;
-    }
-    return LF_OK;
-}
-
 static lf_status finish(lf_scene_reader *r, const char *path, lf_error *err)
 {
     lf_scene *scene = r->scene;
@@ -184,27 +168,21 @@ static lf_status finish(lf_scene_reader *r, const char *path, lf_error *err)
             scene->depths = LF_DEPTHS_GIVEN;
         }
     }
-    if (r->options->far <= 0)
-        LF_TRY(scale_depths(scene, r->options, err));
     guess_depths(scene);
     return LF_OK;
 }
 
 static lf_status check_options(const lf_scene_options *o, lf_error *err)
 {
-    if (o->factor < 1 || o->factor > 64)
-        return lf_fail(err, LF_BAD_INPUT, "factor %d: pictures are reduced 1 to 64 times",
-                       o->factor);
+    if (o->factor < 1 || o->factor > LF_FACTOR_MAX)
+        return lf_fail(err, LF_BAD_INPUT, "factor %d: pictures are reduced 1 to %d times",
+                       o->factor, (int)LF_FACTOR_MAX);
     if (o->hold_out < 0)
         return lf_fail(err, LF_BAD_INPUT, "hold_out %d: give 0 (none) or every how many views",
                        o->hold_out);
     if ((o->far != 0 || o->near != 0) && !(o->near >= 0 && o->near < o->far && isfinite(o->far)))
         return lf_fail(err, LF_BAD_INPUT, "near %g and far %g: 0 <= near < far is needed", o->near,
                        o->far);
-    if (!(o->near_factor > 0 && o->far_factor > 0 && isfinite(o->near_factor) &&
-          isfinite(o->far_factor)))
-        return lf_fail(err, LF_BAD_INPUT, "near_factor %g and far_factor %g: both must be > 0",
-                       o->near_factor, o->far_factor);
     return LF_OK;
 }
 

@@ -83,17 +83,16 @@ typedef struct lf_scene {
     struct lf_scene_pictures *pictures;
 } lf_scene;
 
+enum { LF_FACTOR_MAX = 64 };
+
 typedef struct lf_scene_options {
-    int factor;       /* reduce pictures this many times, 1 ... 64 */
-    int hold_out;     /* layouts without a split: views 0, n, 2n, ... are test; 0: none is */
-    double near, far; /* instead of the files' where far > 0 */
-    /* multiplied onto the bounds of LF_DEPTHS_FILE, _USUAL and _POINTS, > 0 (IBRNet takes 0.9 and
-     * 1.6 for LLFF, method.md 5b.1); bounds that are guessed or given stay */
-    double near_factor, far_factor;
+    int factor;         /* reduce pictures this many times, 1 ... LF_FACTOR_MAX */
+    int hold_out;       /* layouts without a split: views 0, n, 2n, ... are test; 0: none is */
+    double near, far;   /* instead of the files' where far > 0 */
     size_t cache_bytes; /* of pictures held in memory */
 } lf_scene_options;
 
-lf_scene_options lf_scene_defaults(void); /* 1, 8, 0, 0, 1, 1, 512 MB */
+lf_scene_options lf_scene_defaults(void); /* 1, 8, 0, 0, 512 MB */
 
 /* Read a scene; its layout is recognised by its files. A folder that fits no layout: the message
  * names what each reader looked for. */

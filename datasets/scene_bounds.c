@@ -27,19 +27,28 @@ static bool has_rim(const lf_pixels *p, double share)
     return (double)ground >= share * (double)rim;
 }
 
+static bool is_opaque(const lf_pixels *p)
+{
+    for (long i = 0; i < (long)p->width * p->height; i++)
+        if (p->alpha && p->alpha[i] < 255)
+            return false;
+    return true;
+}
+
 lf_status lf_entry_find_ground(lf_scene_entry *e, lf_error *err)
 {
     const long n = e->count[LF_SPLIT_TRAIN], looked = n < 4 ? n : 4;
-    e->white = true;
-    for (long i = 0; e->white && i < looked; i++) {
+    bool clear = false, rims = true; /* colours of what is clear are over white */
+    for (long i = 0; !clear && i < looked; i++) {
         const long v = e->view[LF_SPLIT_TRAIN][i * n / looked];
         lf_pixels p;
-        if (e->scene->view[v].alpha)
-            continue;
         LF_TRY(lf_scene_hold(e->scene, v, &p, err));
-        e->white = has_rim(&p, 0.98);
+        clear = !is_opaque(&p);
+        p.alpha = NULL;
+        rims = rims && has_rim(&p, 0.98);
         lf_scene_release(e->scene, v);
     }
+    e->white = clear || rims;
     return LF_OK;
 }
 
@@ -69,10 +78,13 @@ typedef struct outline {
 static bool shows_ground(const outline *o, const double p[3], double radius)
 {
     double uv[2], depth;
+    const lf_camera *c = o->camera;
     const int width = o->pixels.width, height = o->pixels.height;
-    if (!lf_camera_project(o->camera, p, 2 * radius, uv, &depth))
+    if (!lf_camera_project(c, p, 2 * radius, uv, &depth))
         return false;
-    const double reach = ceil(fmax(o->camera->fx, o->camera->fy) * radius / (depth - radius)) + 1;
+    /* off the axis by an angle the ball is seen wider by 1 / its cosine, at most */
+    const double wider = hypot(1, hypot((uv[0] - c->cx) / c->fx, (uv[1] - c->cy) / c->fy));
+    const double reach = ceil(fmax(c->fx, c->fy) * wider * radius / (depth - radius)) + 1;
     const double left = uv[0] - reach, right = uv[0] + reach;
     const double top = uv[1] - reach, bottom = uv[1] + reach;
     if (!o->whole && (left < 0 || right > width - 1 || top < 0 || bottom > height - 1))

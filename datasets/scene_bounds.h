@@ -5,7 +5,8 @@
 
 #include "datasets/scene_set.h"
 
-/* entry->white: every one of a few training views has alpha or a white rim. */
+/* entry->white: of a few training views one is transparent somewhere, or every one has a white rim.
+ */
 lf_status lf_entry_find_ground(lf_scene_entry *entry, lf_error *err);
 /* entry->centre and radius by what no outline rules out, within a cube between the cameras; they
  * stay if nothing or almost everything is left. */

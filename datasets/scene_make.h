@@ -4,7 +4,7 @@
  * origin, z up; cameras at a distance of 3.8 to 4.2 over the sphere's cap z > -0.1, looking at the
  * origin; focal length 1.389 x size; near 2.6, far 5.6; white ground, alpha = coverage.
  * FORWARD: a closed room of 4.4 to 5.6 x 3 to 3.6 units, 6 deep, with four to six objects in it;
- * cameras on a patch of about 1 x 0.6 before it that look along y at a common point; near and far
+ * cameras on a patch of 2 x 1.2 before it that look along y at a common point; near and far
  * of a view are 0.95 and 1.05 times the least and largest depth that its pixel centres meet.
  *
  *   albedo(p)   = clamp((1 - m) face colour + m tint + sum_j a_j sin(k_j . p + phi_j)), 8 waves
@@ -41,7 +41,8 @@ typedef struct lf_scene_make_options {
     long train_views, test_views; /* at least 1, at least 0; 10000 together at most */
     int rays;                     /* rays x rays a pixel, 1 ... 16 */
     const char *mesh; /* file of the object (FORWARD: of the first one), y up; NULL: a chair, an
-                         airplane or a car of procedural.h by turns of the index */
+                         airplane or a car of procedural.h by turns of the index, the turns
+                         shifted by one after each three */
 } lf_scene_make_options;
 
 /* GLOSSY, seed 0, index 0, 100 pixels, 35 and 5 views, 3 rays, no mesh. */

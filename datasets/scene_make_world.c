@@ -75,7 +75,9 @@ static lf_status make_object(lf_world *w, const lf_scene_make_options *o, lf_str
     const double diagonal = between(s, 1.9, 2.5), zero[3] = {0, 0, 0};
     const double turn = between(s, -3.14159265, 3.14159265), rise = between(s, 0.4, 1.1);
     lf_mesh *mesh;
-    LF_TRY(load(o, true, (int)(o->index % FAMILIES), o->index / FAMILIES, &mesh, err));
+    /* a family is not tied to what else goes round with the index, as a scene's kind does */
+    const uint64_t round = o->index / FAMILIES;
+    LF_TRY(load(o, true, (int)((o->index + round) % FAMILIES), round, &mesh, err));
     place(mesh, diagonal, 0, zero);
     add(w, o, mesh, 1, 1);
     w->light[0] = cos(rise) * cos(turn);

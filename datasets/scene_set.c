@@ -59,7 +59,7 @@ static void file_depths(lf_scene_entry *e, const lf_scene_set_options *o)
     qsort(far, (size_t)s->views, sizeof *far, by_size);
     e->far = e->builtin ? far[s->views - 1] : far[s->views / 2];
     free(far);
-    if (s->depths == LF_DEPTHS_FILE || s->depths == LF_DEPTHS_POINTS) {
+    if (!e->builtin && (s->depths == LF_DEPTHS_FILE || s->depths == LF_DEPTHS_POINTS)) {
         e->near *= o->near_factor;
         e->far *= o->far_factor;
     }
@@ -118,7 +118,7 @@ static int factor_for(const lf_scene *scene, int longest)
         if (longest > 0 && (edge + longest - 1) / longest > most)
             most = (edge + longest - 1) / longest;
     }
-    return most < 64 ? most : 64;
+    return most;
 }
 
 static lf_status open_folder(const char *folder, const lf_scene_set_options *o, size_t bytes,
@@ -130,6 +130,11 @@ static lf_status open_folder(const char *folder, const lf_scene_set_options *o, 
     options.factor = o->factor > 0 ? o->factor : 1;
     LF_TRY(lf_scene_open(folder, &options, &e->scene, err));
     const int factor = o->factor > 0 ? 1 : factor_for(e->scene, o->longest);
+    if (factor > LF_FACTOR_MAX)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "%s: data.longest = %d asks for pictures reduced %d times, %d is the most: "
+                       "raise data.longest",
+                       folder, o->longest, factor, (int)LF_FACTOR_MAX);
     if (factor > 1) {
         lf_scene_close(e->scene);
         e->scene = NULL;
@@ -138,6 +143,8 @@ static lf_status open_folder(const char *folder, const lf_scene_set_options *o, 
     }
     return look(e, o, err);
 }
+
+enum { ROOM_TRAIN = 12, ROOM_TEST = 3 };
 
 static lf_scene_kind kind_of(lf_scene_kinds kinds, long number)
 {
@@ -167,11 +174,23 @@ static lf_status make(long number, const char *mesh, const lf_scene_set_options 
     options.size = o->size;
     options.mesh = mesh;
     if (options.kind == LF_KIND_FORWARD) { /* a patch needs fewer views than a half sphere */
-        options.train_views = 12;
-        options.test_views = 3;
+        options.train_views = ROOM_TRAIN;
+        options.test_views = ROOM_TEST;
     }
     LF_TRY(lf_scene_make(&options, &e->scene, err));
     return look(e, o, err);
+}
+
+double lf_scene_set_builtin_bytes(const lf_scene_set_options *o)
+{
+    const lf_scene_make_options object = lf_scene_make_defaults();
+    const double edge = (double)o->size, high = 2 * round(0.375 * edge); /* of a room's pictures */
+    const double room = (ROOM_TRAIN + ROOM_TEST) * edge * high * 3;      /* no alpha */
+    const double around = (double)(object.train_views + object.test_views) * edge * edge * 4;
+    double bytes = 0;
+    for (long i = 0; i < o->builtin; i++)
+        bytes += kind_of(o->kinds, o->first + i) == LF_KIND_FORWARD ? room : around;
+    return bytes;
 }
 
 /* ---- lists -------------------------------------------------------------------------------------
@@ -267,6 +286,7 @@ static lf_status fill(lf_scene_set *set, const list *scenes, const list *meshes,
                       lf_error *err)
 {
     const long total = scenes->count + o->builtin;
+    const double left = fmax((double)o->cache_bytes - lf_scene_set_builtin_bytes(o), 0);
     for (long i = 0; i < total; i++) {
         lf_scene_entry *e = &set->entry[set->count++];
         const long number = o->first + i - scenes->count;
@@ -279,7 +299,7 @@ static lf_status fill(lf_scene_set *set, const list *scenes, const list *meshes,
         const char *mesh = meshes->count ? meshes->path[number * 7919 % meshes->count] : NULL;
         LF_TRY(e->builtin
                    ? make(number, mesh, o, e, err)
-                   : open_folder(scenes->path[i], o, o->cache_bytes / (size_t)total, e, err));
+                   : open_folder(scenes->path[i], o, (size_t)left / (size_t)scenes->count, e, err));
         if (progress)
             progress(context, i + 1, total);
     }

@@ -53,23 +53,27 @@ typedef struct lf_scene_set_options {
     bool outlines;      /* bounds from the outlines of objects on white ground */
     double near_factor, far_factor; /* of the least near and the median far, where files say them */
     int nearness;                   /* lf_nearness, or -1: by how the cameras stand */
-    int white;          /* 1 white, 0 black, -1: white if pictures have alpha or a white rim */
-    size_t cache_bytes; /* of all scenes' pictures together */
+    int white;          /* 1 white, 0 black, -1: white if pictures are clear or have a white rim */
+    size_t cache_bytes; /* of all scenes' pictures together; built-in ones stay in memory */
     long builtin;       /* built-in scenes */
     lf_scene_kinds kinds;
-    const char *meshes; /* folder of meshes to make them from; NULL: procedural shapes */
-    long first;         /* number of the first built-in one: other numbers, other scenes */
-    int size;           /* pixels along an edge of their pictures */
+    const char
+        *meshes; /* folder of meshes to make them from, all of them; NULL: procedural shapes */
+    long first;  /* number of the first built-in one: other numbers, other scenes */
+    int size;    /* pixels along an edge of their pictures */
     uint64_t seed;
 } lf_scene_set_options;
 
 /* Open all scenes; built-in ones are rendered, in turn. `progress` (may be NULL) is called with the
  * number done. LF_BAD_INPUT: a folder that is no scene, no scene at all, fewer than two training
- * views, no mesh in the folder. */
+ * views, no mesh in the folder, a `longest` that asks for more than LF_FACTOR_MAX. */
 typedef void lf_scene_set_progress(void *context, long done, long total);
 lf_status lf_scene_set_open(const lf_scene_set_options *options, lf_scene_set_progress *progress,
                             void *context, lf_scene_set **out, lf_error *err);
 void lf_scene_set_close(lf_scene_set *set);
+
+/* Bytes of the pictures of the built-in scenes that the options ask for; nothing is made. */
+double lf_scene_set_builtin_bytes(const lf_scene_set_options *options);
 
 /* Depths between which a camera of this scene's frame sees something: by the bounds, if there are
  * any and the camera stands outside them, else near and far. */

@@ -52,27 +52,6 @@ static void keep(probe *p, law kind, const lf_tensor *t, const char *format, int
 
 /* ---- running the model ---- */
 
-typedef struct sampler {
-    lf_tape *tape;
-    const lf_projection *projection;
-    lf_tensor *mask;
-    long size;
-} sampler;
-
-static lf_tensor *sample(const sampler *s, int count, lf_tensor *const *maps)
-{
-    return lf_sample_maps(s->tape, count, maps, s->size, s->size, POINTS, V, s->projection->uv,
-                          s->mask->value, s->projection->first);
-}
-
-static lf_ray_geometry geometry(const sampler *s)
-{
-    lf_tensor *direction = lf_tensor_new(s->tape, 3, LF_DIMS(POINTS, V, 3));
-    for (long i = 0; i < direction->size; i++)
-        direction->value[i] = (lf_real)s->projection->direction[i];
-    return (lf_ray_geometry){POINTS, V, direction, s->mask};
-}
-
 static lf_tensor *image_tensor(lf_tape *tape, const lf_recon *model, const uint8_t *images)
 {
     const lf_recon_config *c = &model->config;
@@ -87,37 +66,49 @@ static lf_tensor *image_tensor(lf_tape *tape, const lf_recon *model, const uint8
     return t;
 }
 
-/* All layers at the projections; the projection may come from moved cameras and points. */
-static probe run_model(const lf_recon *model, const uint8_t *images,
+/* The backbone's inner maps at the projections. */
+static void keep_inner(probe *p, lf_tape *tape, const lf_recon *model, const lf_recon_code *code,
+                       const lf_recon_inputs *in)
+{
+    const long size = model->config.image_size;
+    for (int i = 0; i < code->inner_maps; i++) {
+        const lf_tensor *t =
+            lf_sample_maps(tape, 1, (lf_tensor *const *)code->inner + i, size, size, POINTS, V,
+                           in->points->uv, in->rays.mask->value, in->points->first);
+        keep(p, model->config.backbone.c8 ? FIELD : SCALAR, t,
+             i ? "backbone stage %d" : "backbone stem", i);
+    }
+}
+
+/* All layers at the projections by `views`; these may come from moved cameras and points. */
+static probe run_model(const lf_recon *model, const uint8_t *images, const lf_shape_views *views,
                        const lf_projection *projection)
 {
     probe p = {0};
-    const lf_recon_config *c = &model->config;
-    sampler s = {lf_tape_create(), projection, NULL, c->image_size};
-    lf_tape_set_grad(s.tape, false);
-    s.mask = lf_tensor_new(s.tape, 2, LF_DIMS(POINTS, V));
-    for (long i = 0; i < s.mask->size; i++)
-        s.mask->value[i] = projection->mask[i];
-    lf_tensor *image = image_tensor(s.tape, model, images);
-    lf_tensor *maps[LF_BACKBONE_MAPS + 1], *fields[LF_BACKBONE_MAPS];
-    const int stages = lf_backbone_fields(s.tape, &model->backbone, image, false, fields);
-    for (int i = 0; i < stages; i++)
-        keep(&p, c->backbone.c8 ? FIELD : SCALAR, sample(&s, 1, fields + i),
-             i ? "backbone stage %d" : "backbone stem", i);
-    const int count = lf_recon_maps(s.tape, model, image, false, maps);
-    lf_tensor *seen = sample(&s, count, maps);
-    keep(&p, SCALAR, seen, "features of the rays", 0);
-    const lf_ray_geometry rays = geometry(&s);
-    lf_field kept[LF_RECON_BLOCKS + 1];
-    lf_tensor *x = lf_recon_sdf(s.tape, model, seen, &rays, projection->distance, kept);
-    for (int b = 0; b <= c->blocks; b++) {
+    lf_tape *tape = lf_tape_create();
+    lf_tape_set_grad(tape, false);
+    lf_seen_grid grid = lf_seen_grid_create(model, 1);
+    lf_seen_grid_fill(&grid, 0, views, 0);
+    lf_recon_code code;
+    lf_recon_encode_images(tape, model, image_tensor(tape, model, images), V,
+                           lf_seen_grid_points(&grid), false, &code);
+    const lf_recon_points points = lf_seen_points(projection, POINTS);
+    const lf_recon_inputs in = lf_recon_look(tape, model, &code, &points);
+    keep_inner(&p, tape, model, &code, &in);
+    keep(&p, SCALAR, in.seen, "features of the rays", 0);
+    if (in.known)
+        keep(&p, SCALAR, in.known, "features of the object", 0);
+    lf_field kept[LF_RECON_LAYERS];
+    const lf_tensor *x = lf_recon_sdf(tape, model, &in, kept);
+    for (int b = 0; b < model->layers; b++) {
         keep(&p, SCALAR, kept[b].scalar, b ? "block %d, scalars" : "convolution, scalars", b - 1);
         if (kept[b].vector)
             keep(&p, VECTOR, kept[b].vector, b ? "block %d, vectors" : "convolution, vectors",
                  b - 1);
     }
     keep(&p, SCALAR, x, "signed distance", 0);
-    lf_tape_free(s.tape);
+    lf_seen_grid_free(&grid);
+    lf_tape_free(tape);
     return p;
 }
 
@@ -204,7 +195,7 @@ static void try_motion(subject *s, lf_stream *stream, deviation *d)
     for (int i = 0; i < POINTS; i++)
         lf_motion_apply(&g.motion, s->point[i], point[i]);
     lf_projection_fill(&s->projection, 0, POINTS, (const double(*)[3])point, &moved, 0);
-    probe after = run_model(&s->loaded->model, s->images, &s->projection);
+    probe after = run_model(&s->loaded->model, s->images, &moved, &s->projection);
     compare(d, &s->before, &after, &g);
     probe_free(&after);
     free(point);
@@ -249,7 +240,7 @@ static lf_status try_roll(subject *s, lf_stream *stream, int extra, deviation *d
     if (extra)
         LF_TRY(lf_shapes_render_views(s->shapes, &s->shape, &rolled, s->turned, err));
     lf_projection_fill(&s->projection, 0, POINTS, (const double(*)[3])s->point, &rolled, 0);
-    probe after = run_model(&s->loaded->model, s->turned, &s->projection);
+    probe after = run_model(&s->loaded->model, s->turned, &rolled, &s->projection);
     compare(d, &s->before, &after, &g);
     probe_free(&after);
     return LF_OK;
@@ -275,7 +266,7 @@ static lf_status try_shape(subject *s, long index, long elements, table *t, lf_e
         for (int a = 0; a < 3; a++)
             s->point[i][a] = 0.57 * (lf_uniform(&stream) - 0.5);
     lf_projection_fill(&s->projection, 0, POINTS, (const double(*)[3])s->point, &s->views, 0);
-    s->before = run_model(&s->loaded->model, s->images, &s->projection);
+    s->before = run_model(&s->loaded->model, s->images, &s->views, &s->projection);
     t->layers = s->before.count;
     for (int l = 0; l < t->layers; l++)
         memcpy(t->name[l], s->before.layer[l].name, sizeof t->name[l]);

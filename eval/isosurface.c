@@ -25,7 +25,7 @@ typedef struct cell_list {
 lf_iso_options lf_iso_defaults(void)
 {
     return (lf_iso_options){
-        .half = 0.55, .coarse = 32, .refinements = 2, .lipschitz = 2, .batch = 65536};
+        .half = 0.55, .coarse = 32, .refinements = 2, .lipschitz = 1, .batch = 65536};
 }
 
 static lf_status check_options(const lf_iso_options *o, lf_error *err)
@@ -119,55 +119,57 @@ static int on_boundary(const level *l, const long cell[3], int corner)
     return 0;
 }
 
-enum verdict { FAR, NEAR, CROSSED };
-
-/* Does the surface cross the cell (corners of both signs, or inside where the cube ends), or may
- * it? */
-static enum verdict judge(const sampler *s, const level *l, const long cell[3])
+static double edge_of(const sampler *s, const level *l)
 {
-    const lf_iso_grid *g = &s->grid;
-    const double reach = s->options->lipschitz * sqrt(3.0) * g->half * (double)l->stride /
-                         g->resolution; /* slope times half the cell's diagonal */
+    return 2 * s->grid.half * (double)l->stride / s->grid.resolution;
+}
+
+/* May the surface meet the cell: corners of both signs, inside where the cube ends, or a value that
+ * is small against half the diagonal? */
+static int may_cross(const sampler *s, const level *l, const long cell[3])
+{
+    const double reach = s->options->lipschitz * 0.5 * sqrt(3.0) * edge_of(s, l);
     const long p[3] = {cell[0] * l->stride, cell[1] * l->stride, cell[2] * l->stride};
     int inside = 0, near = 0;
     for (int c = 0; c < 8; c++) {
-        const float v = g->value[corner_point(g, p, l->stride, c)];
+        const float v = s->grid.value[corner_point(&s->grid, p, l->stride, c)];
         if (v < 0 && on_boundary(l, cell, c))
-            return CROSSED;
+            return 1;
         inside += v < 0;
         near |= fabs((double)v) <= reach;
     }
-    return inside > 0 && inside < 8 ? CROSSED : near ? NEAR : FAR;
+    return near || (inside > 0 && inside < 8);
 }
 
-/* Mark the cell and all that touch it. */
-static void mark_ring(const level *l, uint8_t *mark, const long cell[3])
+/* The same for the eighth of the cell at corner c, of which that corner and the cell's centre are
+ * known: every point of it is within sqrt(5)/4 of the cell's edge of one of the two. */
+static int octant_may_cross(const sampler *s, const level *l, const long cell[3], int c)
 {
-    for (long z = cell[2] - 1; z <= cell[2] + 1; z++)
-        for (long y = cell[1] - 1; y <= cell[1] + 1; y++)
-            for (long x = cell[0] - 1; x <= cell[0] + 1; x++)
-                if (x >= 0 && y >= 0 && z >= 0 && x < l->side && y < l->side && z < l->side)
-                    mark[level_index(l, x, y, z)] = 1;
+    const double reach = s->options->lipschitz * 0.25 * sqrt(5.0) * edge_of(s, l);
+    const long half = l->stride / 2;
+    const long p[3] = {cell[0] * l->stride, cell[1] * l->stride, cell[2] * l->stride};
+    const float at = s->grid.value[corner_point(&s->grid, p, l->stride, c)];
+    const float centre = s->grid.value[corner_point(&s->grid, p, half, 7)];
+    return (at < 0) != (centre < 0) || (at < 0 && on_boundary(l, cell, c)) ||
+           fmin(fabs((double)at), fabs((double)centre)) <= reach;
 }
 
-/* Which chosen cells of a level are to be split, and their neighbours. */
-static void mark_splits(const sampler *s, const level *l, uint8_t *mark)
+/* Count the steps from the cell's centre to its corners, and those that are steeper than trusted.
+ */
+static void count_slopes(sampler *s, const level *l, const long p[3])
 {
-    for (long z = 0; z < l->side; z++)
-        for (long y = 0; y < l->side; y++)
-            for (long x = 0; x < l->side; x++) {
-                const long cell[3] = {x, y, z}, i = level_index(l, x, y, z);
-                if (!l->chosen[i])
-                    continue;
-                const enum verdict v = judge(s, l, cell);
-                if (v == CROSSED)
-                    mark_ring(l, mark, cell);
-                else if (v == NEAR)
-                    mark[i] = 1;
-            }
+    const double trusted = s->options->lipschitz * 0.5 * sqrt(3.0) * edge_of(s, l);
+    const float centre = s->grid.value[corner_point(&s->grid, p, l->stride / 2, 7)];
+    for (int c = 0; c < 8; c++) {
+        const float at = s->grid.value[corner_point(&s->grid, p, l->stride, c)];
+        s->report.steps += isfinite(at - centre);
+        s->report.steep += isfinite(at - centre) && fabs((double)(at - centre)) > trusted;
+    }
 }
 
-static void request_level(sampler *s, const level *l)
+/* Corners of the chosen cells; then the centres of those that the surface may meet, which stay
+ * chosen. */
+static void sample_level(sampler *s, level *l)
 {
     for (long z = 0; z < l->side; z++)
         for (long y = 0; y < l->side; y++)
@@ -176,26 +178,38 @@ static void request_level(sampler *s, const level *l)
                     request_cell(s, (const long[3]){x * l->stride, y * l->stride, z * l->stride},
                                  l->stride);
     flush(s);
+    for (long z = 0; z < l->side; z++)
+        for (long y = 0; y < l->side; y++)
+            for (long x = 0; x < l->side; x++) {
+                const long cell[3] = {x, y, z}, half = l->stride / 2;
+                uint8_t *chosen = &l->chosen[level_index(l, x, y, z)];
+                *chosen = *chosen && may_cross(s, l, cell);
+                if (*chosen)
+                    request(s, lf_iso_point(&s->grid, x * l->stride + half, y * l->stride + half,
+                                            z * l->stride + half));
+            }
+    flush(s);
 }
 
-/* Replace a level by the next finer one; 0 without memory. */
-static int split_level(const sampler *s, level *l)
+/* Replace a sampled level by the next finer one; 0 without memory. */
+static int split_level(sampler *s, level *l)
 {
     const size_t cells = (size_t)(l->side * l->side * l->side);
-    level fine = {2 * l->side, l->stride / 2, malloc(8 * cells)};
-    uint8_t *mark = calloc(cells, 1);
-    if (!mark || !fine.chosen) {
-        free(mark);
-        free(fine.chosen);
+    level fine = {2 * l->side, l->stride / 2, calloc(8 * cells, 1)};
+    if (!fine.chosen)
         return 0;
-    }
-    mark_splits(s, l, mark);
-    for (long z = 0; z < fine.side; z++)
-        for (long y = 0; y < fine.side; y++)
-            for (long x = 0; x < fine.side; x++)
-                fine.chosen[level_index(&fine, x, y, z)] =
-                    mark[level_index(l, x / 2, y / 2, z / 2)];
-    free(mark);
+    for (long z = 0; z < l->side; z++)
+        for (long y = 0; y < l->side; y++)
+            for (long x = 0; x < l->side; x++) {
+                const long cell[3] = {x, y, z};
+                if (l->chosen[level_index(l, x, y, z)])
+                    count_slopes(s, l,
+                                 (const long[3]){x * l->stride, y * l->stride, z * l->stride});
+                for (int c = 0; l->chosen[level_index(l, x, y, z)] && c < 8; c++)
+                    fine.chosen[level_index(&fine, 2 * x + (c & 1), 2 * y + (c >> 1 & 1),
+                                            2 * z + (c >> 2))] =
+                        (uint8_t)octant_may_cross(s, l, cell, c);
+            }
     free(l->chosen);
     *l = fine;
     return 1;
@@ -291,7 +305,7 @@ static int sample_sparse(sampler *s)
     memset(l.chosen, 1, (size_t)(side * side * side));
     int ok = 1;
     for (int i = 0; ok && i < s->options->refinements; i++) {
-        request_level(s, &l);
+        sample_level(s, &l);
         ok = split_level(s, &l);
     }
     ok = ok && follow(s, &l);

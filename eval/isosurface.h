@@ -8,12 +8,14 @@
  * counts as outside too. The mesh is a closed 2-manifold, faces counter-clockwise seen from outside
  * (mc_table.h says why), vertices shared.
  *
- * Coarse to fine [method.md 6, "MISE"]: starting from the coarse grid, a cell is split if its
- * corners differ in sign, if it touches a cell that does, or if some corner has |value| <=
- * lipschitz * half the cell's diagonal (no surface can be in any other cell of a field with that
- * Lipschitz constant). On the finest grid the surface is then followed into every cell that it
- * enters. So the mesh is always closed, and it is the dense grid's mesh, bit for bit, unless a
- * whole component hides in cells that were not split. `dense` evaluates every grid point instead.
+ * Coarse to fine [method.md 6, "MISE"]: starting from the coarse grid, the centre of a cell is
+ * evaluated if its corners differ in sign or some corner has |value| <= lipschitz * half the cell's
+ * diagonal; then an eighth of the cell is kept if its corner and the centre differ in sign or one
+ * of the two has |value| <= lipschitz * sqrt(5)/4 of the cell's edge, as no surface can be in any
+ * other part of a field with that Lipschitz constant. On the finest grid the surface is then
+ * followed into every cell that it enters. So the mesh is always closed, and it is the dense grid's
+ * mesh, bit for bit, unless a whole component hides where the field is steeper than that. `dense`
+ * evaluates every grid point instead.
  */
 #ifndef LF_EVAL_ISOSURFACE_H
 #define LF_EVAL_ISOSURFACE_H
@@ -40,7 +42,7 @@ typedef struct lf_iso_options {
     double half;      /* half the cube's edge; default 0.55 */
     int coarse;       /* cells a side of the first grid; default 32 */
     int refinements;  /* how often cells are halved; default 2 (32 -> 128) */
-    double lipschitz; /* largest slope of the field that is to be trusted; default 2 */
+    double lipschitz; /* largest slope of the field that is trusted; default 1 */
     bool dense;       /* evaluate every point of the finest grid */
     long batch;       /* points a call of the field, at most; default 65536 */
 } lf_iso_options;
@@ -51,7 +53,8 @@ typedef struct lf_iso_report {
     int resolution;         /* cells a side of the finest grid */
     long evaluations;       /* points at which the field was evaluated */
     long dense_evaluations; /* (resolution + 1)^3 */
-    long invalid;           /* evaluated points that were invalid or NaN, taken as outside */
+    long steps, steep; /* from split cells' centres to their corners; those steeper than trusted */
+    long invalid;      /* evaluated points that were invalid or NaN, taken as outside */
 } lf_iso_report;
 
 /* Extract the surface into a new mesh, which the caller frees with lf_mesh_free. A field without an

@@ -1,6 +1,7 @@
 /* loaded.c: a model from its checkpoint. See evaluate.h. */
 #include "eval/evaluate.h"
 #include "models/checkpoint.h"
+#include "train/recon_data.h"
 #include "train/run_dir.h"
 
 enum { V = LF_CUBE_VIEWS };
@@ -61,7 +62,11 @@ void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
     for (long i = 0; i < n; i++)
         l->image[i] = (lf_real)pixels[i];
     free(pixels);
-    lf_recon_encode(l->work, V, l->image);
+    lf_seen_grid grid = lf_seen_grid_create(&l->model, 1);
+    lf_seen_grid_fill(&grid, 0, views, 0);
+    const lf_recon_images images = {V, V, l->image, lf_seen_grid_points(&grid)};
+    lf_recon_encode(l->work, &images);
+    lf_seen_grid_free(&grid);
 }
 
 void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const double (*point)[3],
@@ -70,7 +75,7 @@ void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const 
     const double scale = lf_config_real(l->cfg, "loss.scale");
     lf_projection p = lf_projection_create(n);
     lf_projection_fill(&p, 0, n, point, views, 0);
-    const lf_recon_points points = {n, V, p.uv, p.direction, p.distance, p.mask, p.first};
+    const lf_recon_points points = lf_seen_points(&p, n);
     lf_recon_predict(l->work, &points, scale, sdf, valid);
     lf_projection_free(&p);
 }

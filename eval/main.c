@@ -28,6 +28,8 @@ static void print_help(FILE *out)
         "elf-eval check-data PATH [--out F.png]    say what a folder of photographs is, draw\n"
         "                                          its cameras and epipolar lines\n"
         "elf-eval compare-images A B [options]     PSNR, SSIM and LPIPS of two images\n"
+        "elf-eval make-scene KIND --out DIR        write a made-up scene: glossy, diffuse or "
+        "forward\n"
         "\n"
         "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
         "  --setting S       I, Z, R, Y or SO3 (default: the training's); renderers: I or SO3, "
@@ -50,6 +52,13 @@ static void print_help(FILE *out)
         "  --samples N       compare-meshes: points of each metric (default 100000)\n"
         "  --lpips-weights F compare-images, renderers: the weights of LPIPS (docs/lpips.md)\n"
         "  --lpips-net NET   vgg or alex (default vgg)\n"
+        "  --layout L        make-scene: nerf-synthetic, llff, transforms, deepvoxels, "
+        "colmap-text,\n"
+        "                    colmap-binary (default nerf-synthetic; of forward: llff)\n"
+        "  --index N         make-scene: another scene of the kind (default 0)\n"
+        "  --seed N          make-scene: other scenes altogether (default 0)\n"
+        "  --size N          make-scene: pixels along an edge (default 100)\n"
+        "  --mesh F          make-scene: the object; without it a made-up shape\n"
         "  --set K=V         override a key of the checkpoint's config, e.g. data.root=DIR\n"
         "  --threads N       threads (default: all; the result does not depend on it)\n"
         "  --quiet, --help, --help-config, --version\n"
@@ -460,7 +469,7 @@ static lf_status run_model(const arguments *a, lf_error *err)
         LF_TRY(check_report(a->evaluate.json, err));
     LF_TRY(lf_run_find(a->checkpoint, &found, err));
     lf_status status = read_config(a, found.checkpoint, &cfg, err);
-    if (status == LF_OK && lf_config_is(cfg, "model.type", "equivariant")) {
+    if (status == LF_OK && !lf_config_renders(cfg)) {
         lf_config_free(cfg);
         status = run_recon(a, err);
     } else if (status == LF_OK) {

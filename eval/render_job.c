@@ -2,6 +2,7 @@
 #include <limits.h>
 
 #include "eval/render_job.h"
+#include "eval/file_names.h"
 #include "eval/image_metrics.h"
 #include "eval/render_montage.h"
 #include "eval/render_report.h"
@@ -95,12 +96,6 @@ void lf_rendering_free(lf_rendering *r)
     *r = (lf_rendering){0};
 }
 
-const char *lf_scene_short_name(const char *name)
-{
-    const char *slash = strrchr(name, '/');
-    return slash && slash[1] ? slash + 1 : name;
-}
-
 lf_image *lf_picture_of(const lf_pixels *p)
 {
     lf_image *image = lf_image_create(p->width, p->height, 3);
@@ -123,6 +118,8 @@ typedef struct evaluation {
     const lf_render_job *job;
     lf_lpips *lpips;
     bool turns; /* setting SO3 */
+    const lf_scene_set *set;
+    char **scene, **view; /* names of files: of the scenes, of the views of the scene at work */
     lf_render_report report;
     kept_row *row;
     long rows, done, total;
@@ -191,16 +188,17 @@ static lf_status score_baselines(const evaluation *e, const lf_render_view *v,
     return status;
 }
 
+static long number_of(const evaluation *e, const lf_render_view *v)
+{
+    return (long)(v->entry - e->set->entry);
+}
+
 static lf_status write_image(const evaluation *e, const lf_render_view *v, const lf_image *image,
                              const char *what, lf_error *err)
 {
     char path[PATH_MAX];
-    const char *view = v->entry->scene->view[v->target].name;
-    char name[128];
-    snprintf(name, sizeof name, "%s", lf_scene_short_name(view));
-    name[strcspn(name, ".")] = 0;
     const int n = snprintf(path, sizeof path, "%s/%s-%s-%s.png", e->job->out,
-                           lf_scene_short_name(v->entry->name), name, what);
+                           e->scene[number_of(e, v)], e->view[v->target], what);
     if (n < 0 || n >= (int)sizeof path)
         return lf_fail(err, LF_BAD_INPUT, "--out %s: the name is too long", e->job->out);
     return lf_image_write_png(path, image, err);
@@ -217,7 +215,7 @@ static void keep_row(evaluation *e, const lf_render_view *v, lf_rendering *r, lf
                              NULL};
         k->source[i] = lf_picture_of(&p);
     }
-    k->row = (lf_render_row){.scene = strdup(lf_scene_short_name(v->entry->name)),
+    k->row = (lf_render_row){.scene = strdup(e->scene[number_of(e, v)]),
                              .view = strdup(v->entry->scene->view[v->target].name),
                              .psnr = psnr,
                              .sources = (int)v->sources,
@@ -276,7 +274,7 @@ static lf_status finish_view(evaluation *e, const lf_render_view *v, lf_renderin
 {
     if (e->job->baselines)
         LF_TRY(score_baselines(e, v, *truth, f, err));
-    lf_render_report_add(&e->report, lf_scene_short_name(v->entry->name),
+    lf_render_report_add(&e->report, number_of(e, v), e->scene[number_of(e, v)],
                          v->entry->scene->view[v->target].name, f);
     if (!e->job->out)
         return LF_OK;
@@ -324,19 +322,30 @@ static lf_status score_scenes(evaluation *e, const lf_scene_set *set, lf_error *
     const long scenes =
         e->job->scenes > 0 && e->job->scenes < set->count ? e->job->scenes : set->count;
     const long *target;
-    long count;
-    for (long i = 0; i < scenes; i++)
-        e->total += views_of(e, &set->entry[i], &target, &count);
+    long count, trained = 0, without = 0;
+    for (long i = 0; i < scenes; i++) {
+        const long n = views_of(e, &set->entry[i], &target, &count);
+        const bool own = strcmp(lf_render_split(&set->entry[i], e->job->split), e->job->split) == 0;
+        e->total += n;
+        trained += own ? 0 : n;
+        without += !own;
+    }
+    e->report.split = lf_render_split_name(e->job->split, e->total, trained);
+    if (without && !e->job->quiet)
+        printf("%ld scenes of %ld have no %s views: their training views are scored\n", without,
+               scenes, e->job->split);
     e->started = lf_seconds_now();
     e->progress = lf_progress_start(stdout, "view", 0, e->total, e->job->quiet);
     lf_status status = LF_OK;
     for (long i = 0; status == LF_OK && i < scenes; i++) {
         const long n = views_of(e, &set->entry[i], &target, &count);
+        e->view = lf_view_file_names(set->entry[i].scene);
         for (long k = 0; status == LF_OK && k < n; k++) {
             status = score_view(e, &set->entry[i], target[k * count / n], err);
             lf_progress_update(&e->progress, ++e->done, lf_seconds_now() - e->started,
-                               "PSNR %.2f dB", lf_render_report_mean(&e->report, NULL).psnr);
+                               "PSNR %.2f dB", lf_render_report_mean(&e->report, -1).psnr);
         }
+        lf_file_names_free(set->entry[i].scene->views, e->view);
     }
     lf_progress_end(&e->progress);
     return status;
@@ -368,11 +377,18 @@ static lf_status write_results(evaluation *e, lf_error *err)
     return status;
 }
 
-lf_status lf_render_job_scenes(const lf_loaded_renderer *l, const char *split, lf_scene_set **set,
-                               lf_error *err)
+lf_status lf_render_job_scenes(const lf_loaded_renderer *l, const lf_render_job *job,
+                               lf_scene_set **set, lf_error *err)
 {
+    const char *split = job->split;
     LF_TRY(lf_render_scenes(l->cfg, split, NULL, NULL, set, err));
-    return *set ? LF_OK : lf_render_scenes(l->cfg, "train", NULL, NULL, set, err);
+    if (!*set) {
+        split = "train";
+        LF_TRY(lf_render_scenes(l->cfg, split, NULL, NULL, set, err));
+    }
+    if (!job->quiet)
+        lf_render_describe(stdout, split, *set);
+    return LF_OK;
 }
 
 static lf_status parse_setting(const char *name, bool *turns, lf_error *err)
@@ -389,10 +405,13 @@ static lf_status parse_setting(const char *name, bool *turns, lf_error *err)
 static lf_status evaluate(evaluation *e, lf_error *err)
 {
     lf_scene_set *set;
-    LF_TRY(lf_render_job_scenes(e->loaded, e->job->split, &set, err));
+    LF_TRY(lf_render_job_scenes(e->loaded, e->job, &set, err));
+    e->set = set;
+    e->scene = lf_scene_file_names(set);
     lf_status status = score_scenes(e, set, err);
     if (status == LF_OK)
         status = write_results(e, err);
+    lf_file_names_free(set->count, e->scene);
     lf_scene_set_close(set);
     return status;
 }
@@ -410,7 +429,6 @@ lf_status lf_render_evaluate(lf_loaded_renderer *l, const lf_render_job *job, lf
     e.report = (lf_render_report){.model = lf_config_choice(l->cfg, "model.type"),
                                   .train_setting = "I",
                                   .eval_setting = e.turns ? "SO3" : "I",
-                                  .split = job->split,
                                   .sources = (int)lf_render_sources(l),
                                   .samples = (int)(l->model.config.samples + l->model.config.fine),
                                   .lpips = e.lpips};

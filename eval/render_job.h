@@ -36,14 +36,15 @@ typedef struct lf_render_job {
     bool quiet;
 } lf_render_job;
 
-/* Render and score the split's views of every scene; with `out` the pictures go there, as PNG, and
- * montage.png. In setting SO3 every view is rendered in LF_ROTATIONS random frames: figures are
- * means over them, the pixel variance between them. LF_BAD_INPUT: another setting, too few source
- * views, pictures that cannot be read. */
+/* Render and score the split's views of every scene; with `out` the pictures go there, as PNG
+ * (<scene>-<view>-rendered.png, -true.png; names as in file_names.h), and montage.png. In setting
+ * SO3 every view is rendered in LF_ROTATIONS random frames: figures are means over them, the pixel
+ * variance between them. LF_BAD_INPUT: another setting, too few source views, pictures that cannot
+ * be read. */
 enum { LF_ROTATIONS = 6 };
 lf_status lf_render_evaluate(lf_loaded_renderer *loaded, const lf_render_job *job, lf_error *err);
 
-/* Render a path through each scene to <out>/<scene>/frame-%04d.png. */
+/* Render a path through each scene to <out>/<scene>/frame-%04d.png, names as in file_names.h. */
 lf_status lf_render_path(lf_loaded_renderer *loaded, const lf_render_job *job, lf_error *err);
 
 /* Move the frame of some views by `count` random motions (translations to 1000 scene radii) and
@@ -62,7 +63,7 @@ typedef struct lf_rendering {
     lf_image *image; /* 3 channels */
     float *depth;    /* [height][width] */
     double seconds;
-    long rows; /* (sample, view) pairs computed */
+    long rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or not */
 } lf_rendering;
 /* What `cfg` allows to leave out. */
 lf_render_savings lf_render_savings_from(const lf_loaded_renderer *loaded);
@@ -70,10 +71,9 @@ lf_rendering lf_render_whole(lf_loaded_renderer *loaded, const lf_render_view *v
 void lf_rendering_free(lf_rendering *r);
 /* The pixels as an image of three channels; the caller frees it. */
 lf_image *lf_picture_of(const lf_pixels *pixels);
-/* The scenes of a split: those of the training if none are named for it. The caller closes them. */
-lf_status lf_render_job_scenes(const lf_loaded_renderer *loaded, const char *split,
+/* The scenes of the job's split, described on stdout unless it is quiet: those of the training if
+ * none are named for it. The caller closes them. */
+lf_status lf_render_job_scenes(const lf_loaded_renderer *loaded, const lf_render_job *job,
                                lf_scene_set **set, lf_error *err);
-/* The last part of a scene's name, what a folder can be called. */
-const char *lf_scene_short_name(const char *name);
 
 #endif

@@ -1,6 +1,7 @@
 /* render_path.c: frames along a path, and how far a moved frame moves the picture. */
 #include <limits.h>
 
+#include "eval/file_names.h"
 #include "eval/image_metrics.h"
 #include "eval/render_job.h"
 #include "eval/report.h"
@@ -24,10 +25,12 @@ static lf_status render_frame(lf_loaded_renderer *l, const lf_scene_entry *entry
 }
 
 static lf_status render_scene(lf_loaded_renderer *l, const lf_render_job *job, lf_path_kind kind,
-                              const lf_scene_entry *entry, lf_error *err)
+                              const lf_scene_entry *entry, const char *name, lf_error *err)
 {
     char folder[PATH_MAX / 2], path[PATH_MAX], line[PATH_MAX + 256];
-    snprintf(folder, sizeof folder, "%.1000s/%.200s", job->out, lf_scene_short_name(entry->name));
+    const int length = snprintf(folder, sizeof folder, "%s/%s", job->out, name);
+    if (length < 0 || length >= (int)sizeof folder)
+        return lf_fail(err, LF_BAD_INPUT, "--out %s: the name is too long", job->out);
     LF_TRY(lf_make_folders(folder, err));
     lf_camera *camera = calloc((size_t)job->frames, sizeof *camera);
     LF_REQUIRE(camera, "out of memory for %ld frames", job->frames);
@@ -37,8 +40,7 @@ static lf_status render_scene(lf_loaded_renderer *l, const lf_render_job *job, l
     for (long i = 0; status == LF_OK && i < job->frames; i++) {
         snprintf(path, sizeof path, "%s/frame-%04ld.png", folder, i);
         status = render_frame(l, entry, &camera[i], path, err);
-        lf_progress_update(&progress, i + 1, lf_seconds_now() - started, "%s",
-                           lf_scene_short_name(entry->name));
+        lf_progress_update(&progress, i + 1, lf_seconds_now() - started, "%s", name);
     }
     lf_progress_end(&progress);
     free(camera);
@@ -55,11 +57,13 @@ lf_status lf_render_path(lf_loaded_renderer *l, const lf_render_job *job, lf_err
     LF_TRY(lf_path_kind_parse(job->path, &kind, err));
     if (!job->out)
         return lf_fail(err, LF_BAD_INPUT, "--path %s: give --out for the frames", job->path);
-    LF_TRY(lf_render_job_scenes(l, job->split, &set, err));
+    LF_TRY(lf_render_job_scenes(l, job, &set, err));
     lf_status status = LF_OK;
+    char **name = lf_scene_file_names(set);
     const long scenes = job->scenes > 0 && job->scenes < set->count ? job->scenes : set->count;
     for (long i = 0; status == LF_OK && i < scenes; i++)
-        status = render_scene(l, job, kind, &set->entry[i], err);
+        status = render_scene(l, job, kind, &set->entry[i], name[i], err);
+    lf_file_names_free(set->count, name);
     lf_scene_set_close(set);
     return status;
 }
@@ -125,11 +129,13 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
                           lf_error *err)
 {
     lf_scene_set *set;
-    LF_TRY(lf_render_job_scenes(l, job->split, &set, err));
+    LF_TRY(lf_render_job_scenes(l, job, &set, err));
     json_t *rows = json_array();
+    char **name = lf_scene_file_names(set);
     lf_status status = LF_OK;
     if (!job->quiet)
-        printf("%ld random rotations of the frame; one view a scene\n%-16s %14s %14s %18s %16s\n",
+        printf("%ld random motions of the frame, translations to 1000 radii; one view a "
+               "scene\n%-16s %14s %14s %18s %16s\n",
                count, "scene", "colour moves", "depth moves", "PSNR, dB", "pixel variance");
     const long scenes = job->scenes > 0 && job->scenes < set->count ? job->scenes : set->count;
     for (long i = 0; status == LF_OK && i < scenes; i++) {
@@ -139,12 +145,11 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
         status = check_view(l, &set->entry[i], target[0], count, &m, err);
         if (status != LF_OK)
             break;
-        const char *name = lf_scene_short_name(set->entry[i].name);
         if (!job->quiet)
-            printf("%-16s %14.2g %14.2g %8.3f - %7.3f %16.3g\n", name, m.colour, m.depth,
+            printf("%-16s %14.2g %14.2g %8.3f - %7.3f %16.3g\n", name[i], m.colour, m.depth,
                    m.psnr_low, m.psnr_high, m.variance);
         json_t *row = json_object();
-        json_object_set_new(row, "scene", json_string(name));
+        json_object_set_new(row, "scene", json_string(name[i]));
         json_object_set_new(row, "colour", json_real(m.colour));
         json_object_set_new(row, "depth", json_real(m.depth));
         json_object_set_new(row, "psnr_lowest", json_real(m.psnr_low));
@@ -152,8 +157,10 @@ lf_status lf_render_check(lf_loaded_renderer *l, const lf_render_job *job, long 
         json_object_set_new(row, "pixel_variance", json_real(m.variance));
         json_array_append_new(rows, row);
     }
+    lf_file_names_free(set->count, name);
     lf_scene_set_close(set);
     json_t *all = json_object();
+    json_object_set_new(all, "experiment", json_string("rendering equivariance"));
     json_object_set_new(all, "motions", json_integer(count));
     json_object_set_new(all, "scenes", rows);
     if (status == LF_OK && job->json)

@@ -25,8 +25,8 @@ lf_render_figures lf_render_figures_none(void)
     return f;
 }
 
-void lf_render_report_add(lf_render_report *report, const char *scene, const char *view,
-                          const lf_render_figures *f)
+void lf_render_report_add(lf_render_report *report, long number, const char *scene,
+                          const char *view, const lf_render_figures *f)
 {
     LF_REQUIRE(isfinite(f->psnr) && isfinite(f->ssim) && isfinite(f->seconds) && isfinite(f->rows),
                "report: figures of %s %s are not finite", scene, view);
@@ -36,7 +36,7 @@ void lf_render_report_add(lf_render_report *report, const char *scene, const cha
         LF_REQUIRE(report->image, "report: no memory for %ld images", report->room);
     }
     lf_render_image *image = &report->image[report->images++];
-    *image = (lf_render_image){.figures = *f};
+    *image = (lf_render_image){.number = number, .figures = *f};
     snprintf(image->scene, sizeof image->scene, "%s", scene);
     snprintf(image->view, sizeof image->view, "%s", view);
 }
@@ -50,20 +50,24 @@ void lf_render_report_clear(lf_render_report *report)
 
 /* ---- means -------------------------------------------------------------------------------- */
 
-const char *lf_render_report_new_scene(const lf_render_report *report, long image)
+bool lf_render_report_new_scene(const lf_render_report *report, long image)
 {
-    const char *scene = report->image[image].scene;
     for (long i = 0; i < image; i++)
-        if (strcmp(report->image[i].scene, scene) == 0)
-            return NULL;
-    return scene;
+        if (report->image[i].number == report->image[image].number)
+            return false;
+    return true;
 }
 
-static long images_of(const lf_render_report *report, const char *scene)
+static bool is_of(const lf_render_report *report, long image, long number)
+{
+    return number < 0 || report->image[image].number == number;
+}
+
+static long images_of(const lf_render_report *report, long number)
 {
     long count = 0;
     for (long i = 0; i < report->images; i++)
-        count += !scene || strcmp(report->image[i].scene, scene) == 0;
+        count += is_of(report, i, number);
     return count;
 }
 
@@ -71,7 +75,7 @@ static long scenes_of(const lf_render_report *report)
 {
     long count = 0;
     for (long i = 0; i < report->images; i++)
-        count += lf_render_report_new_scene(report, i) != NULL;
+        count += lf_render_report_new_scene(report, i);
     return count;
 }
 
@@ -81,12 +85,12 @@ static void add_share(lf_render_figures *sum, lf_render_figures f, long count)
         *figure(sum, i) += *figure(&f, i) / (double)count;
 }
 
-lf_render_figures lf_render_report_mean(const lf_render_report *report, const char *scene)
+lf_render_figures lf_render_report_mean(const lf_render_report *report, long number)
 {
-    const long count = images_of(report, scene);
+    const long count = images_of(report, number);
     lf_render_figures mean = {0};
     for (long i = 0; i < report->images; i++)
-        if (!scene || strcmp(report->image[i].scene, scene) == 0)
+        if (is_of(report, i, number))
             add_share(&mean, report->image[i].figures, count);
     return count ? mean : lf_render_figures_none();
 }
@@ -95,11 +99,9 @@ lf_render_figures lf_render_report_scene_mean(const lf_render_report *report)
 {
     const long count = scenes_of(report);
     lf_render_figures mean = {0};
-    for (long i = 0; i < report->images; i++) {
-        const char *scene = lf_render_report_new_scene(report, i);
-        if (scene)
-            add_share(&mean, lf_render_report_mean(report, scene), count);
-    }
+    for (long i = 0; i < report->images; i++)
+        if (lf_render_report_new_scene(report, i))
+            add_share(&mean, lf_render_report_mean(report, report->image[i].number), count);
     return count ? mean : lf_render_figures_none();
 }
 
@@ -158,12 +160,12 @@ static json_t *per_scene_json(const lf_render_report *report)
 {
     json_t *array = json_array();
     for (long i = 0; i < report->images; i++) {
-        const char *scene = lf_render_report_new_scene(report, i);
-        if (!scene)
+        if (!lf_render_report_new_scene(report, i))
             continue;
-        const lf_render_figures mean = lf_render_report_mean(report, scene);
-        json_t *object = json_pack("{s:o,s:I}", "scene", text_json(scene), "images",
-                                   (json_int_t)images_of(report, scene));
+        const lf_render_image *m = &report->image[i];
+        const lf_render_figures mean = lf_render_report_mean(report, m->number);
+        json_t *object = json_pack("{s:o,s:I}", "scene", text_json(m->scene), "images",
+                                   (json_int_t)images_of(report, m->number));
         json_array_append_new(array, put_figures(object, &mean, false));
     }
     return array;
@@ -182,7 +184,10 @@ static json_t *definitions_json(const lf_render_report *report)
         "least");
     json_object_set_new(metric, "baselines", baselines);
     json_object_set_new(metric, "seconds", json_string("wall time of one image"));
-    json_object_set_new(metric, "rows", json_string("points that went through the network"));
+    json_object_set_new(
+        metric, "rows",
+        json_string(
+            "(sample, source view) pairs given to the networks, coarse and fine, seen or not"));
     if (lpips && json_object_set_new(metric, "lpips", lpips) == 0)
         return metric;
     json_decref(metric);
@@ -192,7 +197,7 @@ static json_t *definitions_json(const lf_render_report *report)
 json_t *lf_render_report_json(const lf_render_report *r)
 {
     const lf_render_figures scenes = lf_render_report_scene_mean(r),
-                            images = lf_render_report_mean(r, NULL);
+                            images = lf_render_report_mean(r, -1);
     json_t *metric = definitions_json(r);
     if (!metric)
         return NULL;
@@ -251,7 +256,7 @@ static void print_line(FILE *out, const char *scene, const char *view, const lf_
 void lf_render_report_print(const lf_render_report *r, FILE *out)
 {
     const lf_render_figures scenes = lf_render_report_scene_mean(r),
-                            images = lf_render_report_mean(r, NULL);
+                            images = lf_render_report_mean(r, -1);
     char text[64];
     fprintf(out,
             "rendering %s, trained in %s, evaluated in %s, split %s, %d sources, %d samples a "
@@ -264,20 +269,21 @@ void lf_render_report_print(const lf_render_report *r, FILE *out)
     for (long i = 0; i < r->images; i++)
         print_line(out, r->image[i].scene, r->image[i].view, &r->image[i].figures);
     for (long i = 0; i < r->images; i++) {
-        const char *scene = lf_render_report_new_scene(r, i);
-        if (!scene)
+        if (!lf_render_report_new_scene(r, i))
             continue;
-        const lf_render_figures mean = lf_render_report_mean(r, scene);
-        snprintf(text, sizeof text, "mean of %ld", images_of(r, scene));
-        print_line(out, scene, text, &mean);
+        const lf_render_figures mean = lf_render_report_mean(r, r->image[i].number);
+        snprintf(text, sizeof text, "mean of %ld", images_of(r, r->image[i].number));
+        print_line(out, r->image[i].scene, text, &mean);
     }
     snprintf(text, sizeof text, "mean of %ld", scenes_of(r));
     print_line(out, "mean over scenes", text, &scenes);
     snprintf(text, sizeof text, "mean of %ld", r->images);
     print_line(out, "mean over images", text, &images);
-    fprintf(out, "PSNR in dB; copy, mean, sweep: PSNR of renderers that learn nothing; variance: "
-                 "largest pixel variance over frames, of 0..255; rows: points through the "
-                 "network; -: not available\n");
+    fprintf(
+        out,
+        "PSNR in dB; copy, mean, sweep: PSNR of renderers that learn nothing; variance: "
+        "largest pixel variance over frames, of 0..255; rows: (sample, source view) pairs given to "
+        "the networks, coarse and fine, seen or not; -: not available\n");
 }
 
 /* ---- cost --------------------------------------------------------------------------------------

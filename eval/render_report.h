@@ -27,12 +27,14 @@ typedef struct lf_render_figures {
     double ssim, lpips;    /* lpips only with weights */
     double pixel_variance; /* of renderings in several frames, values 0..255; setting SO3 only */
     double seconds;        /* for the whole image */
-    double rows;           /* points that went through the network; a whole number for an image */
+    double rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or
+                    not; a whole number for an image */
     double baseline[LF_BASELINES]; /* PSNR of copy, mean, sweep, dB */
 } lf_render_figures;
 
 typedef struct lf_render_image {
-    char scene[64], view[128]; /* UTF-8; longer names are cut */
+    long number;                /* of the scene: what tells scenes apart */
+    char scene[256], view[256]; /* UTF-8; longer names are cut */
     lf_render_figures figures;
 } lf_render_image;
 
@@ -49,17 +51,17 @@ typedef struct lf_render_report {
 
 /* All NaN: fill in what is known. */
 lf_render_figures lf_render_figures_none(void);
-/* Append one image; psnr, ssim, seconds and rows must be finite. */
-void lf_render_report_add(lf_render_report *report, const char *scene, const char *view,
-                          const lf_render_figures *figures);
+/* Append one image of scene `number`; psnr, ssim, seconds and rows must be finite. */
+void lf_render_report_add(lf_render_report *report, long number, const char *scene,
+                          const char *view, const lf_render_figures *figures);
 /* Free the images; the report may be filled again. */
 void lf_render_report_clear(lf_render_report *report);
 
-/* The scene's name where image `image` is the first of its scene, else NULL: scenes are counted in
- * the order in which they come. */
-const char *lf_render_report_new_scene(const lf_render_report *report, long image);
-/* Means over the images of `scene`, or over all images if it is NULL; all NaN if there are none. */
-lf_render_figures lf_render_report_mean(const lf_render_report *report, const char *scene);
+/* Is image `image` the first of its scene? Scenes are counted in the order in which they come. */
+bool lf_render_report_new_scene(const lf_render_report *report, long image);
+/* Means over the images of scene `number`, or over all images if it is -1; all NaN if there are
+ * none. */
+lf_render_figures lf_render_report_mean(const lf_render_report *report, long number);
 /* Mean over scenes of their means. */
 lf_render_figures lf_render_report_scene_mean(const lf_render_report *report);
 

@@ -56,8 +56,7 @@ static work make_work(lf_tape *tape, const along *t, lf_tensor *const *in)
               .x = lf_alloc_reals(tape, t->n),
               .number = lf_alloc_reals(tape, all * t->heads),
               .r = lf_alloc_reals(tape, t->n * BASIS),
-              .constant = lf_alloc_reals(tape, t->n),
-              .buffer = lf_alloc_reals(tape, larger * W)};
+              .buffer = lf_alloc_reals(tape, t->blocks * larger * W)};
     return w;
 }
 
@@ -126,7 +125,7 @@ static void forward_point(const along *t, const work *w, long i, lf_tensor *cons
     for (int h = 0; h < t->heads; h++)
         softmax_keys(t, w, a + h * t->blocks * W);
     collect(t, w, a, &w->v, z);
-    join(t, w, w->v.profile, z, w->x);
+    join(t, a, &w->v, z, w->x);
     for (long j = 0; j < t->n; j++)
         y[j] = w->x[t->place[j]];
 }
@@ -162,7 +161,7 @@ static void backward_point(const along *t, const work *w, const lf_node *node, l
     expand(t, w, w->number, w->k.grad);
     collect(t, w, w->number, &w->k, w->r);
     add_profile(t, w->x, w->r, w->k.dprofile);
-    join(t, w, w->k.profile, w->r, w->x);
+    join(t, w->number, &w->k, w->r, w->x);
     for (long j = 0; node->in[0]->grad && j < t->n; j++)
         node->in[0]->grad[i * t->n + j] += w->x[t->place[j]];
 }
@@ -233,7 +232,20 @@ static void count_products(lf_tape *tape, const along *t)
     double pairs = 0;
     for (long i = 0; i < t->rays.rays * samples; i++)
         pairs += t->rays.count->value[i] >= LF_KEY_VIEWS ? (double)samples : 0;
-    lf_count(tape, 6 * pairs * (double)t->n, 12 * pairs * (double)t->n);
+    lf_products(tape, 6 * pairs * (double)t->n, 12 * pairs * (double)t->n);
+}
+
+/* Numbers of a head are [P, C / H]: plane 0 scalars, then real and imaginary parts by turns. */
+static const pair_number *make_pairs(lf_tape *tape, const along *t)
+{
+    pair_number *pair = lf_alloc(tape, (size_t)t->n * sizeof *pair);
+    for (long j = 0; j < t->n; j++) {
+        const long plane = j % t->size / t->per;
+        pair[j] = plane == 0  ? (pair_number){j, j, j, 0}
+                  : plane % 2 ? (pair_number){j, j + t->per, j + t->per, 1}
+                              : (pair_number){j - t->per, j, j - t->per, -1};
+    }
+    return pair;
 }
 
 lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_tensor *v,
@@ -251,6 +263,7 @@ lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_
     t->scale = (lf_real)(1 / sqrt((double)t->n / heads));
     t->blocks = (rays->samples + W - 1) / W;
     t->place = make_places(tape, t);
+    t->pair = make_pairs(tape, t);
     t->weight = lf_alloc_reals(tape, points * heads * t->blocks * W);
     t->z = lf_alloc_reals(tape, points * t->n * BASIS);
     lf_tensor *y = lf_tensor_like(tape, q);

@@ -186,7 +186,7 @@ lf_attended lf_blocks_attention(lf_tape *tape, const lf_blocks *blocks, lf_tenso
     mean_weights(t, y.weight->value);
     if (lf_profiled(tape)) { /* logits and sum; back dw, dq, dk, dval */
         const double half = lf_blocks_pairs(blocks) * (double)n;
-        lf_count(tape, 2 * half, half * (1 + q->wants + k->wants + val->wants));
+        lf_products(tape, 2 * half, half * (1 + q->wants + k->wants + val->wants));
     }
     lf_record(tape, "blocks_attention", backward, t, 3, in, 2, out);
     return y;

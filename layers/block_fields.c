@@ -133,7 +133,7 @@ static void gated_backward(const lf_node *node)
     }
     const lf_block_pairs p = {groups, step, step, t->norm, dl, NULL, NULL, 0};
     if (w->grad)
-        lf_block_outer(&p, t->n, t->n, w->grad, t->n, 1);
+        lf_block_outer(&p, t->n, t->n, w->grad);
     if (b->grad)
         lf_block_sums(groups, step, t->n, dl, b->grad);
 }
@@ -159,7 +159,7 @@ lf_tensor *lf_blocks_gated(lf_tape *tape, const lf_types *types, lf_tensor *x, l
         lf_group_gate(types->count, c, xg, gate, y->value + g * x->dim[2] * W);
     }
     const double logits = (double)(groups * W) * (double)w->size;
-    lf_count(tape, logits, logits * (1 + w->wants));
+    lf_products(tape, logits, logits * (1 + w->wants));
     lf_record(tape, "blocks_gated", gated_backward, t, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

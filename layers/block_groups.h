@@ -17,7 +17,13 @@ static inline long lf_group_step(long n)
 /* Pairs of a point and a view that sees it. */
 static inline double lf_blocks_pairs(const lf_blocks *blocks)
 {
-    return lf_count_present(blocks->groups * LF_BLOCK_POINTS, blocks->mask);
+    return lf_present(blocks->groups * LF_BLOCK_POINTS, blocks->mask);
+}
+
+/* How many of `left` groups are computed together. */
+static inline long lf_group_count(long left)
+{
+    return left < LF_BLOCK_SIDE ? left : LF_BLOCK_SIDE;
 }
 
 /* ---- maps --------------------------------------------------------------------------------------
@@ -40,25 +46,15 @@ static inline void lf_group_map_apply(const lf_group_map *m, const lf_real *w, c
 {
     const long ci = adjoint ? m->out : m->in, co = adjoint ? m->in : m->out, size = ci * co;
     const long in_step = adjoint ? 1 : co, out_step = adjoint ? ci : 1;
-    const lf_real sign = adjoint ? -1 : 1;
-    lf_block_terms t = {
+    const lf_block_terms t = {
         .in = ci, .x = x, .w = {w, in_step, out_step}, .bias = bias, .accumulate = accumulate};
     lf_block_product(&t, co, y);
-    t.bias = NULL;
     for (int k = 1; k < m->types.count; k++) {
-        const lf_block_matrix a = {w + (2 * k - 1) * size, in_step, out_step},
-                              b = {a.w + size, in_step, out_step};
-        const lf_real *re = x + (2 * k - 1) * ci * LF_BLOCK_POINTS, *im = re + ci * LF_BLOCK_POINTS;
-        t.w = a;
-        t.w2 = b;
-        t.x = re;
-        t.x2 = im;
-        t.sign = -sign;
-        lf_block_product(&t, co, y + (2 * k - 1) * co * LF_BLOCK_POINTS);
-        t.x = im;
-        t.x2 = re;
-        t.sign = sign;
-        lf_block_product(&t, co, y + 2 * k * co * LF_BLOCK_POINTS);
+        const lf_real *wk = w + (2 * k - 1) * size;
+        const lf_block_turn_terms turn = {ci,      co,       wk,      wk + size,
+                                          in_step, out_step, adjoint, accumulate};
+        lf_block_turn(&turn, x + (2 * k - 1) * ci * LF_BLOCK_POINTS,
+                      y + (2 * k - 1) * co * LF_BLOCK_POINTS);
     }
 }
 
@@ -68,15 +64,15 @@ static inline void lf_group_map_weights(const lf_group_map *m, long groups, cons
 {
     const long ci = m->in, co = m->out;
     lf_block_pairs p = {groups, rx, ry, x, dy, NULL, NULL, 0};
-    lf_block_outer(&p, ci, co, dw, co, 1);
+    lf_block_outer_across(&p, ci, co, dw, co, 1);
     for (int k = 1; k < m->types.count; k++) {
         const long plane = 2 * k - 1;
         const lf_real *re = x + plane * ci * LF_BLOCK_POINTS, *im = re + ci * LF_BLOCK_POINTS;
         const lf_real *gr = dy + plane * co * LF_BLOCK_POINTS, *gi = gr + co * LF_BLOCK_POINTS;
         p = (lf_block_pairs){groups, rx, ry, re, gr, im, gi, 1};
-        lf_block_outer(&p, ci, co, dw + plane * ci * co, co, 1);
+        lf_block_outer_across(&p, ci, co, dw + plane * ci * co, co, 1);
         p = (lf_block_pairs){groups, rx, ry, re, gi, im, gr, -1};
-        lf_block_outer(&p, ci, co, dw + (plane + 1) * ci * co, co, 1);
+        lf_block_outer_across(&p, ci, co, dw + (plane + 1) * ci * co, co, 1);
     }
 }
 

@@ -207,14 +207,18 @@ static void linear_backward(const lf_node *node)
     const lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
     const long in = w->dim[0], out = w->dim[1], groups = x->dim[0];
     const lf_real *dz = behind(node, *(const lf_activation *)node->saved);
-    for (long g = 0; x->grad && g < groups; g++) {
-        const lf_block_terms t = {
-            .in = out, .x = dz + g * out * W, .w = {w->value, 1, out}, .accumulate = true};
-        lf_block_product(&t, in, x->grad + g * in * W);
-    }
+    const lf_block_terms t = {.in = out,
+                              .x = dz,
+                              .w = {w->value, 1, out},
+                              .accumulate = true,
+                              .groups = groups,
+                              .x_step = out * W,
+                              .y_step = in * W};
+    if (x->grad)
+        lf_block_product(&t, in, x->grad);
     const lf_block_pairs p = {groups, in * W, out * W, x->value, dz, NULL, NULL, 0};
     if (w->grad)
-        lf_block_outer(&p, in, out, w->grad, out, 1);
+        lf_block_outer(&p, in, out, w->grad);
     if (b && b->grad)
         lf_block_sums(groups, out * W, out, dz, b->grad);
 }
@@ -226,17 +230,18 @@ lf_tensor *lf_blocks_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor
                "lf_blocks_linear: %ld numbers, w [%ld, %ld]", x->dim[2], w->dim[0], w->dim[1]);
     const long in = w->dim[0], out = w->dim[1];
     lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(x->dim[0], 1, out, W));
-    for (long g = 0; g < x->dim[0]; g++) {
-        const lf_block_terms t = {.in = in,
-                                  .x = x->value + g * in * W,
-                                  .w = {w->value, out, 1},
-                                  .bias = b ? b->value : NULL};
-        lf_block_product(&t, out, y->value + g * out * W);
-        activate(out, act, y->value + g * out * W);
-    }
+    const lf_block_terms t = {.in = in,
+                              .x = x->value,
+                              .w = {w->value, out, 1},
+                              .bias = b ? b->value : NULL,
+                              .groups = x->dim[0],
+                              .x_step = in * W,
+                              .y_step = out * W};
+    lf_block_product(&t, out, y->value);
+    activate(x->dim[0] * out, act, y->value);
     lf_activation *saved = lf_alloc(tape, sizeof *saved);
     *saved = act;
-    lf_count_product(tape, (double)(x->dim[0] * W) * (double)w->size, x, w);
+    lf_products_of(tape, (double)(x->dim[0] * W) * (double)w->size, x, w);
     lf_record(tape, "blocks_linear", linear_backward, saved, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }
@@ -281,7 +286,7 @@ lf_tensor *lf_blocks_map(lf_tape *tape, const lf_types *types, const lf_so2_map 
     for (long g = 0; g < groups; g++)
         lf_group_map_apply(m, w->value, b ? b->value : NULL, false, false, x->value + g * rx,
                            y->value + g * n * W);
-    lf_count_product(tape, (double)(groups * W) * lf_group_map_products(m), x, w);
+    lf_products_of(tape, (double)(groups * W) * lf_group_map_products(m), x, w);
     lf_record(tape, "blocks_map", map_backward, m, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

@@ -83,44 +83,74 @@ static void turn_group_backward(const turn *t, long b, long g, const lf_real *m,
     }
 }
 
-static void forward_group(const turn *t, long b, long g, lf_tensor *const *in, lf_real *y)
+/* `count` adjacent groups of block b. */
+static void forward_groups(const turn *t, long b, long g, long count, lf_tensor *const *in,
+                           lf_real *y)
 {
-    lf_real *m = t->m + g * lf_group_step(t->n), *a = t->a + g * lf_group_step(t->gates);
-    lf_real *h = t->h + g * lf_group_step(t->hidden);
+    const long n = lf_group_step(t->n), na = lf_group_step(t->gates), nh = lf_group_step(t->hidden);
+    lf_real *m = t->m + g * n, *a = t->a + g * na, *h = t->h + g * nh;
     lf_block_terms p = {.in = t->in,
                         .x = in[0]->value + g * t->in * W,
                         .w = {in[1]->value, t->n, 1},
-                        .bias = in[2]->value};
+                        .bias = in[2]->value,
+                        .groups = count,
+                        .x_step = t->in * W,
+                        .y_step = n};
     lf_block_product(&p, t->n, m);
     p = (lf_block_terms){.in = 3,
                          .x = t->blocks.angle + g * 3 * W,
                          .w = {in[3]->value, t->hidden, 1},
-                         .bias = in[4]->value};
+                         .bias = in[4]->value,
+                         .groups = count,
+                         .x_step = 3 * W,
+                         .y_step = nh};
     lf_block_product(&p, t->hidden, h);
-    for (long i = 0; i < t->hidden * W; i += LF_LANES)
-        lf_vec_store(h + i, lf_vec_relu(lf_vec_load(h + i)));
-    p = (lf_block_terms){
-        .in = t->hidden, .x = h, .w = {in[5]->value, t->gates, 1}, .bias = in[6]->value};
+    for (long k = 0; k < count; k++)
+        for (long i = k * nh; i < k * nh + t->hidden * W; i += LF_LANES)
+            lf_vec_store(h + i, lf_vec_relu(lf_vec_load(h + i)));
+    p = (lf_block_terms){.in = t->hidden,
+                         .x = h,
+                         .w = {in[5]->value, t->gates, 1},
+                         .bias = in[6]->value,
+                         .groups = count,
+                         .x_step = nh,
+                         .y_step = na};
     lf_block_product(&p, t->gates, a);
-    turn_group(t, b, g, m, a, y + (t->mean ? b : g) * t->n * W);
+    for (long k = 0; k < count; k++)
+        turn_group(t, b, g + k, m + k * n, a + k * na, y + (t->mean ? b : g + k) * t->n * W);
 }
 
-/* Gradients of one group: of f, added, and of m, a and the hidden numbers. */
-static void backward_group(const turn *t, const lf_node *node, long b, long g, lf_real *dm,
-                           lf_real *da, lf_real *dh)
+/* Gradients of `count` adjacent groups of block b: of f, added, and of m, a and hidden numbers. */
+static void backward_groups(const turn *t, const lf_node *node, long b, long g, long count,
+                            lf_real *dm, lf_real *da, lf_real *dh)
 {
     const lf_tensor *f = node->in[0], *w = node->in[1], *w2 = node->in[5];
-    const lf_real *h = t->h + g * lf_group_step(t->hidden);
+    const long n = lf_group_step(t->n), na = lf_group_step(t->gates), nh = lf_group_step(t->hidden);
+    const lf_real *h = t->h + g * nh;
     const lf_vec none = {0};
-    turn_group_backward(t, b, g, t->m + g * lf_group_step(t->n), t->a + g * lf_group_step(t->gates),
-                        node->out[0]->grad + (t->mean ? b : g) * t->n * W, dm, da);
-    lf_block_terms p = {.in = t->n, .x = dm, .w = {w->value, 1, t->n}, .accumulate = true};
+    for (long k = 0; k < count; k++)
+        turn_group_backward(t, b, g + k, t->m + (g + k) * n, t->a + (g + k) * na,
+                            node->out[0]->grad + (t->mean ? b : g + k) * t->n * W, dm + k * n,
+                            da + k * na);
+    lf_block_terms p = {.in = t->n,
+                        .x = dm,
+                        .w = {w->value, 1, t->n},
+                        .accumulate = true,
+                        .groups = count,
+                        .x_step = n,
+                        .y_step = t->in * W};
     if (f->grad)
         lf_block_product(&p, t->in, f->grad + g * t->in * W);
-    p = (lf_block_terms){.in = t->gates, .x = da, .w = {w2->value, 1, t->gates}};
+    p = (lf_block_terms){.in = t->gates,
+                         .x = da,
+                         .w = {w2->value, 1, t->gates},
+                         .groups = count,
+                         .x_step = na,
+                         .y_step = nh};
     lf_block_product(&p, t->hidden, dh);
-    for (long i = 0; i < t->hidden * W; i += LF_LANES)
-        lf_vec_store(dh + i, lf_vec_select(lf_vec_load(h + i) > 0, lf_vec_load(dh + i), none));
+    for (long k = 0; k < count; k++)
+        for (long i = k * nh; i < k * nh + t->hidden * W; i += LF_LANES)
+            lf_vec_store(dh + i, lf_vec_select(lf_vec_load(h + i) > 0, lf_vec_load(dh + i), none));
 }
 
 /* dw += x dy and db += dy over all groups. */
@@ -129,7 +159,7 @@ static void add_weights(long groups, long in, const lf_real *x, long x_step, lon
 {
     const lf_block_pairs p = {groups, x_step, lf_group_step(out), x, dy, NULL, NULL, 0};
     if (w->grad)
-        lf_block_outer(&p, in, out, w->grad, out, 1);
+        lf_block_outer(&p, in, out, w->grad);
     if (b->grad)
         lf_block_sums(groups, p.y_step, out, dy, b->grad);
 }
@@ -144,8 +174,10 @@ static void convolution_backward(const lf_node *node)
     lf_real *da = lf_alloc_reals(node->tape, groups * na);
     lf_real *dh = lf_alloc_reals(node->tape, groups * nh);
     for (long b = 0; b < t->blocks.blocks; b++)
-        for (long g = t->blocks.first[b]; g < t->blocks.first[b + 1]; g++)
-            backward_group(t, node, b, g, dm + g * n, da + g * na, dh + g * nh);
+        for (long g = t->blocks.first[b], count; g < t->blocks.first[b + 1]; g += count) {
+            count = lf_group_count(t->blocks.first[b + 1] - g);
+            backward_groups(t, node, b, g, count, dm + g * n, da + g * na, dh + g * nh);
+        }
     add_weights(groups, t->in, in[0]->value, t->in * W, t->n, dm, in[1], in[2]);
     add_weights(groups, 3, t->blocks.angle, 3 * W, t->hidden, dh, in[3], in[4]);
     add_weights(groups, t->hidden, t->h, nh, t->gates, da, in[5], in[6]);
@@ -158,9 +190,9 @@ static void count_convolution(lf_tape *tape, const turn *t, lf_tensor *const *in
     const double map = (double)(t->in * t->n), turned = 3.0 * (double)t->n;
     const double first = 3.0 * (double)t->hidden, second = (double)(t->hidden * t->gates);
     const double pairs = lf_blocks_pairs(&t->blocks);
-    lf_count(tape, pairs * (map + turned + first + second),
-             pairs * (map * (in[0]->wants + in[1]->wants) + 2 * turned + first * in[3]->wants +
-                      second * (1 + in[5]->wants)));
+    lf_products(tape, pairs * (map + turned + first + second),
+                pairs * (map * (in[0]->wants + in[1]->wants) + 2 * turned + first * in[3]->wants +
+                         second * (1 + in[5]->wants)));
 }
 
 lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
@@ -193,8 +225,10 @@ lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
     lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(mean ? blocks->blocks : groups, 1, n, W));
     memset(y->value, 0, (size_t)y->size * sizeof *y->value);
     for (long b = 0; b < blocks->blocks; b++)
-        for (long g = blocks->first[b]; g < blocks->first[b + 1]; g++)
-            forward_group(t, b, g, in, y->value);
+        for (long g = blocks->first[b], count; g < blocks->first[b + 1]; g += count) {
+            count = lf_group_count(blocks->first[b + 1] - g);
+            forward_groups(t, b, g, count, in, y->value);
+        }
     if (lf_profiled(tape))
         count_convolution(tape, t, in);
     lf_record(tape, "blocks_convolution", convolution_backward, t, 7, in, 1, &y);
@@ -212,46 +246,84 @@ typedef struct update {
     lf_real *norm, *gate;  /* [G, gates, W] */
 } update;
 
-/* in: view, point, w, b, gate w, gate b, out w, out b. */
-static void update_group(const update *t, long b, long g, lf_tensor *const *in, lf_real *out)
+/* The views' share, the point's, and invariants of both. */
+static void mix_point(const update *t, long b, long g, lf_tensor *const *in)
 {
-    const long step = lf_group_step(t->inner), gates = lf_group_step(t->gates);
-    lf_real *u = t->u + g * step, *norm = t->norm + g * gates, *gate = t->gate + g * gates;
     const lf_real *point = in[1]->value + b * t->inner * W;
-    const int count = t->blocks.types.count;
+    lf_real *u = t->u + g * lf_group_step(t->inner);
     lf_group_map_apply(&t->from, in[2]->value, in[3]->value, false, false,
                        in[0]->value + g * t->n * W, u);
     for (long i = 0; i < t->inner * W; i += LF_LANES)
         lf_vec_store(u + i, lf_vec_load(u + i) + lf_vec_load(point + i));
-    lf_group_invariants(count, t->from.out, u, norm);
-    const lf_block_terms p = {
-        .in = t->gates, .x = norm, .w = {in[4]->value, t->gates, 1}, .bias = in[5]->value};
-    lf_block_product(&p, t->gates, gate);
-    lf_group_gate(count, t->from.out, u, gate, t->y + g * step);
-    lf_group_map_apply(&t->to, in[6]->value, in[7]->value, false, false, t->y + g * step, out);
+    lf_group_invariants(t->blocks.types.count, t->from.out, u,
+                        t->norm + g * lf_group_step(t->gates));
 }
 
-/* Gradients of the view and the point, added, and of u and the logits; `spare` [inner, W] twice. */
-static void update_group_backward(const update *t, const lf_node *node, long b, long g, lf_real *du,
-                                  lf_real *dl, lf_real *spare)
+/* `count` adjacent groups of block b. in: view, point, w, b, gate w, gate b, out w, out b. */
+static void update_groups(const update *t, long b, long g, long count, lf_tensor *const *in,
+                          lf_real *out)
+{
+    const long step = lf_group_step(t->inner), gates = lf_group_step(t->gates);
+    const long row = lf_types_planes(&t->to.types) * t->to.out * W;
+    for (long k = g; k < g + count; k++)
+        mix_point(t, b, k, in);
+    const lf_block_terms p = {.in = t->gates,
+                              .x = t->norm + g * gates,
+                              .w = {in[4]->value, t->gates, 1},
+                              .bias = in[5]->value,
+                              .groups = count,
+                              .x_step = gates,
+                              .y_step = gates};
+    lf_block_product(&p, t->gates, t->gate + g * gates);
+    for (long k = g; k < g + count; k++) {
+        lf_group_gate(t->blocks.types.count, t->from.out, t->u + k * step, t->gate + k * gates,
+                      t->y + k * step);
+        lf_group_map_apply(&t->to, in[6]->value, in[7]->value, false, false, t->y + k * step,
+                           out + k * row);
+    }
+}
+
+/* From the logits' and the norms' gradients dl, dn of group g on to u, the view and the point. */
+static void mix_point_backward(const update *t, const lf_node *node, long b, long g,
+                               const lf_real *dn, lf_real *du)
 {
     lf_tensor *const *in = node->in;
-    const long step = lf_group_step(t->inner), gates = lf_group_step(t->gates);
-    const long c = t->from.out, row = lf_types_planes(&t->to.types) * t->to.out * W;
-    const int count = t->blocks.types.count;
-    lf_real *dy = spare, *dn = spare + t->inner * W;
-    lf_group_map_apply(&t->to, in[6]->value, NULL, true, false, node->out[0]->grad + g * row, dy);
-    memset(du, 0, (size_t)(t->inner * W) * sizeof *du);
-    lf_group_gate_backward(count, c, t->u + g * step, t->gate + g * gates, dy, du, dl);
-    const lf_block_terms p = {.in = t->gates, .x = dl, .w = {in[4]->value, 1, t->gates}};
-    lf_block_product(&p, t->gates, dn);
-    lf_group_invariants_backward(count, c, t->u + g * step, t->norm + g * gates, dn, du);
+    lf_real *point = in[1]->grad ? in[1]->grad + b * t->inner * W : NULL;
+    lf_group_invariants_backward(t->blocks.types.count, t->from.out,
+                                 t->u + g * lf_group_step(t->inner),
+                                 t->norm + g * lf_group_step(t->gates), dn, du);
     if (in[0]->grad)
         lf_group_map_apply(&t->from, in[2]->value, NULL, true, true, du,
                            in[0]->grad + g * t->n * W);
-    lf_real *point = in[1]->grad ? in[1]->grad + b * t->inner * W : NULL;
     for (long i = 0; point && i < t->inner * W; i += LF_LANES)
         lf_vec_store(point + i, lf_vec_load(point + i) + lf_vec_load(du + i));
+}
+
+/* Gradients of the views and the point, added, and of u and the logits, of `count` adjacent groups;
+ * `spare` holds LF_BLOCK_SIDE groups of gates and one of inner numbers. */
+static void update_groups_backward(const update *t, const lf_node *node, long b, long g, long count,
+                                   lf_real *du, lf_real *dl, lf_real *spare)
+{
+    lf_tensor *const *in = node->in;
+    const long step = lf_group_step(t->inner), gates = lf_group_step(t->gates);
+    const long row = lf_types_planes(&t->to.types) * t->to.out * W;
+    lf_real *dn = spare, *dy = spare + LF_BLOCK_SIDE * gates;
+    memset(du, 0, (size_t)(count * step) * sizeof *du);
+    for (long k = 0; k < count; k++) {
+        lf_group_map_apply(&t->to, in[6]->value, NULL, true, false,
+                           node->out[0]->grad + (g + k) * row, dy);
+        lf_group_gate_backward(t->blocks.types.count, t->from.out, t->u + (g + k) * step,
+                               t->gate + (g + k) * gates, dy, du + k * step, dl + k * gates);
+    }
+    const lf_block_terms p = {.in = t->gates,
+                              .x = dl,
+                              .w = {in[4]->value, 1, t->gates},
+                              .groups = count,
+                              .x_step = gates,
+                              .y_step = gates};
+    lf_block_product(&p, t->gates, dn);
+    for (long k = 0; k < count; k++)
+        mix_point_backward(t, node, b, g + k, dn + k * gates, du + k * step);
 }
 
 static void update_backward(const lf_node *node)
@@ -262,10 +334,12 @@ static void update_backward(const lf_node *node)
     const long gates = lf_group_step(t->gates), row = node->out[0]->dim[2] * W;
     lf_real *du = lf_alloc_reals(node->tape, groups * step);
     lf_real *dl = lf_alloc_reals(node->tape, groups * gates);
-    lf_real *spare = lf_alloc_reals(node->tape, 2 * t->inner * W);
+    lf_real *spare = lf_alloc_reals(node->tape, LF_BLOCK_SIDE * gates + t->inner * W);
     for (long b = 0; b < t->blocks.blocks; b++)
-        for (long g = t->blocks.first[b]; g < t->blocks.first[b + 1]; g++)
-            update_group_backward(t, node, b, g, du + g * step, dl + g * gates, spare);
+        for (long g = t->blocks.first[b], count; g < t->blocks.first[b + 1]; g += count) {
+            count = lf_group_count(t->blocks.first[b + 1] - g);
+            update_groups_backward(t, node, b, g, count, du + g * step, dl + g * gates, spare);
+        }
     if (in[2]->grad)
         lf_group_map_weights(&t->from, groups, in[0]->value, t->n * W, du, step, in[2]->grad);
     if (in[3]->grad)
@@ -282,9 +356,9 @@ static void count_update(lf_tape *tape, const update *t, lf_tensor *const *in)
 {
     const double from = lf_group_map_products(&t->from), to = lf_group_map_products(&t->to);
     const double gates = (double)(t->gates * t->gates), pairs = lf_blocks_pairs(&t->blocks);
-    lf_count(tape, pairs * (from + gates + to),
-             pairs * (from * (in[0]->wants + in[2]->wants) + gates * (1 + in[4]->wants) +
-                      to * (1 + in[6]->wants)));
+    lf_products(tape, pairs * (from + gates + to),
+                pairs * (from * (in[0]->wants + in[2]->wants) + gates * (1 + in[4]->wants) +
+                         to * (1 + in[6]->wants)));
 }
 
 lf_tensor *lf_blocks_update(lf_tape *tape, const lf_blocks *blocks, const lf_view_update *layer,
@@ -318,8 +392,10 @@ lf_tensor *lf_blocks_update(lf_tape *tape, const lf_blocks *blocks, const lf_vie
     const long n = planes * t->to.out;
     lf_tensor *out = lf_tensor_new(tape, 4, LF_DIMS(groups, 1, n, W));
     for (long b = 0; b < blocks->blocks; b++)
-        for (long g = blocks->first[b]; g < blocks->first[b + 1]; g++)
-            update_group(t, b, g, in, out->value + g * n * W);
+        for (long g = blocks->first[b], count; g < blocks->first[b + 1]; g += count) {
+            count = lf_group_count(blocks->first[b + 1] - g);
+            update_groups(t, b, g, count, in, out->value);
+        }
     if (lf_profiled(tape))
         count_update(tape, t, in);
     lf_record(tape, "blocks_update", update_backward, t, 8, in, 1, &out);

@@ -14,7 +14,7 @@ static const lf_parameter *add(lf_store *store, const char *prefix, const char *
 void lf_norm_layer_init(lf_store *store, const char *prefix, int fields,
                         const lf_unit_config *config, lf_norm_layer *layer)
 {
-    const long n = config->c8 ? fields : (long)fields * LF_C8;
+    const long n = config->c8 ? fields : (long)fields * config->channels_per_field;
     *layer = (lf_norm_layer){.group = config->c8 ? LF_C8 : 1, .momentum = config->momentum};
     layer->scale = add(store, prefix, "scale", n, 1, true);
     layer->shift = add(store, prefix, "shift", n, 0, true);
@@ -43,15 +43,18 @@ lf_tensor *lf_norm_layer_forward(lf_tape *tape, const lf_norm_layer *layer, lf_t
 void lf_unit_init(lf_store *store, const char *prefix, const lf_unit_config *config, bool lift,
                   int in, int out, int size, int stride, lf_unit *unit)
 {
+    const int per_field = config->channels_per_field;
     char norm[NAME];
+    LF_REQUIRE(per_field >= 1 && (!config->c8 || per_field == LF_C8), "%s: a field of %d channels",
+               prefix, per_field);
     snprintf(norm, sizeof norm, "%s.norm", prefix);
     *unit = (lf_unit){.c8 = config->c8};
     if (config->c8)
         lf_c8_conv_init(store, prefix, lift, in, out, size, stride, config->cutoff,
                         &unit->steerable);
     else
-        lf_conv_layer_init(store, prefix, lift ? in : in * LF_C8, out * LF_C8, size, stride, false,
-                           0, &unit->plain);
+        lf_conv_layer_init(store, prefix, lift ? in : in * per_field, out * per_field, size, stride,
+                           false, 0, &unit->plain);
     lf_norm_layer_init(store, norm, out, config, &unit->norm);
 }
 

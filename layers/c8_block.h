@@ -1,8 +1,8 @@
 /* c8_block.h: convolution + norm units and residual blocks, over regular C8 fields or over plain
  * channels by one switch, so that the two kinds of network differ in nothing else.
  *                                                                        [method.md 5a.1, 5a.2]
- * Widths are counted in fields: a field is eight channels. In a plain network it is just eight
- * channels, with ordinary filters and norm statistics of their own.
+ * Widths are counted in fields: a field is eight channels. In a plain network it is just
+ * `channels_per_field` channels, with ordinary filters and norm statistics of their own.
  */
 #ifndef LF_LAYERS_C8_BLOCK_H
 #define LF_LAYERS_C8_BLOCK_H
@@ -14,8 +14,9 @@
 typedef struct lf_unit_config {
     bool c8; /* false: plain channels */
     lf_c8_cutoff cutoff;
-    bool instance_norm; /* statistics of each image by itself; false: of the batch */
-    double momentum;    /* of the running statistics */
+    bool instance_norm;     /* statistics of each image by itself; false: of the batch */
+    double momentum;        /* of the running statistics */
+    int channels_per_field; /* LF_C8 if c8 */
 } lf_unit_config;
 
 typedef struct lf_norm_layer {

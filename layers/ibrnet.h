@@ -24,11 +24,12 @@ typedef struct lf_lanes {
     const long *first;           /* [B + 1] the rows of block b are first[b] .. first[b + 1] - 1 */
     const long *view, *block;    /* [R] */
     const lf_tensor *mask;       /* [R, 1, L] 1 = the view sees the point; 0 beyond the last one */
-    const lf_tensor *difference; /* [R, 4, L] see models/ray_network.h */
-    const lf_tensor *lowest;     /* [B, 1, L] the least inner product of all V views */
+    const lf_tensor *difference; /* [R, 4, L] see models/ray_network.h; NULL: none */
+    const lf_tensor *lowest;     /* [B, 1, L] the least inner product of all V views; or NULL */
 } lf_lanes;
 
-/* mask and difference are [N, S, V] and [N, S, V, 4]; every difference must be finite. */
+/* mask and difference are [N, S, V] and [N, S, V, 4]; every difference must be finite. NULL: there
+ * is no target to differ from, and lf_ibrnet_weights may not be asked. */
 lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *difference);
 
 /* A copy on the tape, for an op to keep. */
@@ -56,6 +57,9 @@ lf_tensor *lf_lanes_linear(lf_tape *tape, int parts, lf_tensor *const *x, lf_ten
 /* Weights by direction: a_v = m_v (e_v - min_u e_u), e_v = exp(|s| (dot_v - 1)), w = a / (sum a +
  * 1e-8): s [1] -> [R, 1, L]. The least is over all views, seen or not, as published. */
 lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes);
+
+/* Weights without direction: m_v / (sum m + 1e-8) -> [R, 1, L], no gradient. */
+lf_tensor *lf_ibrnet_even_weights(lf_tape *tape, const lf_lanes *lanes);
 
 /* Weighted mean m = sum_v w_v x_v, variance sum_v w_v (x_v - m)^2 and, if asked, the mean weight
  * sum_v w_v / V: x [R, D, L], w [R, 1, L] -> [B, 2 D (+ 1), L]. */

@@ -110,25 +110,30 @@ static void scatter_add(const lf_lanes *lanes, long block, long view, long c, co
             x[l * step + i] += from[i * LF_LANES + l];
 }
 
+/* c numbers of each point and view: [R, c, L]. */
+static lf_tensor *in_lanes(lf_tape *tape, const lf_lanes *lanes, long c, const lf_real *x)
+{
+    lf_tensor *y = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, c, LF_LANES));
+    for (long r = 0; r < lanes->rows; r++)
+        gather(lanes, lanes->block[r], lanes->view[r], c, x, y->value + r * c * LF_LANES);
+    return y;
+}
+
 lf_lanes lf_lanes_make(lf_tape *tape, const lf_tensor *mask, const lf_tensor *difference)
 {
-    LF_REQUIRE(mask->rank == 3 && difference->size == 4 * mask->size && mask->dim[2] >= 1,
+    LF_REQUIRE(mask->rank == 3 && mask->dim[2] >= 1 &&
+                   (!difference || difference->size == 4 * mask->size),
                "lf_lanes_make: mask of rank %d, %ld numbers; differences of %ld", mask->rank,
-               mask->size, difference->size);
+               mask->size, difference ? difference->size : 0);
     lf_lanes lanes = {.rays = mask->dim[0], .samples = mask->dim[1], .views = mask->dim[2]};
     lanes.points = lanes.rays * lanes.samples;
     lanes.blocks = (lanes.points + LF_LANES - 1) / LF_LANES;
     find_rows(tape, &lanes, mask->value);
-    lf_tensor *seen = lf_tensor_new(tape, 3, LF_DIMS(lanes.rows, 1, LF_LANES));
-    lf_tensor *turned = lf_tensor_new(tape, 3, LF_DIMS(lanes.rows, 4, LF_LANES));
-    for (long r = 0; r < lanes.rows; r++) {
-        const long block = lanes.block[r], view = lanes.view[r];
-        gather(&lanes, block, view, 1, mask->value, seen->value + r * LF_LANES);
-        gather(&lanes, block, view, 4, difference->value, turned->value + r * 4 * LF_LANES);
+    lanes.mask = in_lanes(tape, &lanes, 1, mask->value);
+    if (difference) {
+        lanes.difference = in_lanes(tape, &lanes, 4, difference->value);
+        lanes.lowest = lowest_of(tape, &lanes, difference->value);
     }
-    lanes.mask = seen;
-    lanes.difference = turned;
-    lanes.lowest = lowest_of(tape, &lanes, difference->value);
     return lanes;
 }
 

@@ -167,12 +167,12 @@ static void count_products(lf_tape *tape, const lf_lanes *lanes, int parts, lf_t
                            const lf_tensor *w)
 {
     const double rows = x[0]->dim[0] == lanes->rows
-                            ? lf_count_present(lanes->mask->size, lanes->mask->value)
+                            ? lf_present(lanes->mask->size, lanes->mask->value)
                             : (double)lanes->points;
     double back = w->wants ? (double)w->dim[0] : 0;
     for (int k = 0; k < parts; k++)
         back += x[k]->wants ? (double)x[k]->dim[1] : 0;
-    lf_count(tape, rows * (double)w->size, rows * back * (double)w->dim[1]);
+    lf_products(tape, rows * (double)w->size, rows * back * (double)w->dim[1]);
 }
 
 lf_tensor *lf_lanes_linear(lf_tape *tape, int parts, lf_tensor *const *x, lf_tensor *w,

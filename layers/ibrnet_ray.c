@@ -196,8 +196,8 @@ static void count_products(lf_tape *tape, const attention *t, lf_tensor *const *
     for (long i = 0; i < t->rays * t->samples; i++)
         queries += t->count[i] >= LF_KEY_VIEWS;
     const double one = (double)(t->samples * t->d), all = (double)(t->rays * t->samples);
-    lf_count(tape, one * (queries + all),
-             one * (all * in[2]->wants + queries * (1 + in[0]->wants + in[1]->wants)));
+    lf_products(tape, one * (queries + all),
+                one * (all * in[2]->wants + queries * (1 + in[0]->wants + in[1]->wants)));
 }
 
 lf_tensor *lf_sample_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_tensor *value,

@@ -100,7 +100,8 @@ static void weights_backward(const lf_node *node)
 
 lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes)
 {
-    LF_REQUIRE(s->size == 1, "lf_ibrnet_weights: s of %ld", s->size);
+    LF_REQUIRE(s->size == 1 && lanes->difference, "lf_ibrnet_weights: s of %ld%s", s->size,
+               lanes->difference ? "" : ", lanes without differences");
     lf_tensor *w = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, 1, LF_LANES));
     const lf_real size = LF_FABS(s->value[0]);
     for (long b = 0; b < lanes->blocks; b++) {
@@ -112,6 +113,14 @@ lf_tensor *lf_ibrnet_weights(lf_tape *tape, lf_tensor *s, const lf_lanes *lanes)
     }
     lf_record(tape, "ibrnet_weights", weights_backward, lf_lanes_keep(tape, lanes), LF_IN(s),
               LF_OUT(w));
+    return w;
+}
+
+lf_tensor *lf_ibrnet_even_weights(lf_tape *tape, const lf_lanes *lanes)
+{
+    lf_tensor *w = lf_tensor_new(tape, 3, LF_DIMS(lanes->rows, 1, LF_LANES));
+    for (long b = 0; b < lanes->blocks; b++)
+        normalise(lanes->first[b], lanes->first[b + 1], lanes->mask->value, w->value);
     return w;
 }
 
@@ -193,9 +202,9 @@ lf_tensor *lf_ibrnet_moments(lf_tape *tape, lf_tensor *x, lf_tensor *w, const lf
     for (long b = 0; b < lanes->blocks; b++)
         moments_block(t, b, x, w->value, y);
     if (lf_profiled(tape)) { /* w x, h^2 and w h^2, h = x - mean; back twice that */
-        const double pairs = lf_count_present(lanes->mask->size, lanes->mask->value);
+        const double pairs = lf_present(lanes->mask->size, lanes->mask->value);
         const double products = 3 * pairs * (double)d;
-        lf_count_product(tape, products, x, w);
+        lf_products_of(tape, products, x, w);
     }
     lf_record(tape, "ibrnet_moments", moments_backward, t, LF_IN(x, w), LF_OUT(y));
     return y;

@@ -64,6 +64,7 @@ typedef struct lf_mlp {
 void lf_mlp_init(lf_store *store, lf_mlp *mlp, const char *prefix, long in, int widths,
                  const long *width, long out);
 lf_tensor *lf_mlp_apply(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x);
+double lf_mlp_macs(const lf_mlp *mlp); /* multiply-adds of a row */
 
 /* ---- nonlinearities -----------------------------------------------------------------------------
  */

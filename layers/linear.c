@@ -62,3 +62,11 @@ lf_tensor *lf_mlp_apply(lf_tape *tape, const lf_mlp *mlp, lf_tensor *x)
         x = lf_linear_apply(tape, &mlp->layer[i], x, i + 1 < mlp->count ? mlp->act : LF_IDENTITY);
     return x;
 }
+
+double lf_mlp_macs(const lf_mlp *mlp)
+{
+    double macs = 0;
+    for (int i = 0; i < mlp->count; i++)
+        macs += (double)mlp->layer[i].weight->size;
+    return macs;
+}

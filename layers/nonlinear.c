@@ -9,6 +9,8 @@
  */
 #include "layers/layers.h"
 
+#include "autograd/kernels/vector_math.h"
+
 static const lf_real norm_epsilon = (lf_real)1e-12, relu_epsilon = (lf_real)1e-8;
 
 /* A tensor with the dims of v [.., 3, C] without the axis of length 3. */
@@ -75,25 +77,47 @@ lf_tensor *lf_gate(lf_tape *tape, lf_tensor *v, lf_tensor *g)
     return y;
 }
 
+/* |v| of `count` channels from the three components x, c apart. */
+LF_INLINE lf_vec load_norm(const lf_real *x, long c, long count, lf_vec v[3])
+{
+    lf_vec square = lf_vec_all(relu_epsilon);
+    for (int a = 0; a < 3; a++) {
+        v[a] = lf_vec_load_part(x + a * c, count);
+        square += v[a] * v[a];
+    }
+    return lf_vec_sqrt(square);
+}
+
+/* Channels [i, i + count) of one row: x, dy, dx and db are the row's. */
+static void norm_relu_part(long c, long i, long count, const lf_real *x, const lf_real *dy,
+                           const lf_real *beta, lf_real *dx, lf_real *db)
+{
+    const lf_vec none = {0};
+    lf_vec v[3], g[3], dot = none;
+    const lf_vec n = load_norm(x + i, c, count, v), b = lf_vec_load_part(beta + i, count);
+    for (int a = 0; a < 3; a++) {
+        g[a] = lf_vec_load_part(dy + a * c + i, count);
+        dot += g[a] * v[a];
+    }
+    const lf_vec one = lf_vec_select(n + b > 0, 1 / n, none); /* F = (n + b) one */
+    const lf_vec scale = one * (n + b), pull = one * dot, slope = b * pull / (n * n);
+    for (int a = 0; dx && a < 3; a++) {
+        lf_real *to = dx + a * c + i;
+        lf_vec_store_part(to, count, lf_vec_load_part(to, count) + scale * g[a] - slope * v[a]);
+    }
+    if (db)
+        lf_vec_store_part(db + i, count, lf_vec_load_part(db + i, count) + pull);
+}
+
 static void norm_relu_backward(const lf_node *node)
 {
-    lf_tensor *v = node->in[0], *beta = node->in[1];
-    const lf_real *dy = node->out[0]->grad;
+    const lf_tensor *v = node->in[0], *beta = node->in[1];
     const long c = lf_cols(v);
-    for (long r = 0; r < lf_rows(v) / 3; r++) {
-        const lf_real *x = v->value + 3 * r * c, *g = dy + 3 * r * c;
-        for (long i = 0; i < c; i++) {
-            const lf_real dot = g[i] * x[i] + g[c + i] * x[c + i] + g[2 * c + i] * x[2 * c + i];
-            const lf_real n = LF_SQRT(x[i] * x[i] + x[c + i] * x[c + i] +
-                                      x[2 * c + i] * x[2 * c + i] + relu_epsilon);
-            const lf_real b = beta->value[i], on = n + b > 0 ? 1 : 0;
-            const lf_real scale = on * (n + b) / n, slope = -on * b / (n * n) * dot / n;
-            for (int a = 0; v->grad && a < 3; a++)
-                v->grad[(3 * r + a) * c + i] += scale * g[a * c + i] + slope * x[a * c + i];
-            if (beta->grad)
-                beta->grad[i] += on * dot / n;
-        }
-    }
+    for (long r = 0; r < lf_rows(v) / 3; r++)
+        for (long i = 0; i < c; i += LF_LANES)
+            norm_relu_part(c, i, c - i < LF_LANES ? c - i : LF_LANES, v->value + 3 * r * c,
+                           node->out[0]->grad + 3 * r * c, beta->value,
+                           v->grad ? v->grad + 3 * r * c : NULL, beta->grad);
 }
 
 lf_tensor *lf_norm_relu(lf_tape *tape, lf_tensor *v, lf_tensor *beta)
@@ -102,19 +126,16 @@ lf_tensor *lf_norm_relu(lf_tape *tape, lf_tensor *v, lf_tensor *beta)
                "lf_norm_relu: v [.., %ld], beta [%ld]", lf_cols(v), beta->size);
     lf_tensor *y = lf_tensor_like(tape, v);
     const long c = lf_cols(v);
-    for (long r = 0; r < lf_rows(v) / 3; r++) {
-        const lf_real *x = v->value + 3 * r * c;
-        lf_real *o = y->value + 3 * r * c;
-        for (long i = 0; i < c; i++) {
-            const lf_real n = LF_SQRT(x[i] * x[i] + x[c + i] * x[c + i] +
-                                      x[2 * c + i] * x[2 * c + i] + relu_epsilon);
-            const lf_real shifted = n + beta->value[i];
-            const lf_real scale = (shifted < 0 ? 0 : shifted) / n; /* NaN stays NaN */
-            o[i] = scale * x[i];
-            o[c + i] = scale * x[c + i];
-            o[2 * c + i] = scale * x[2 * c + i];
+    for (long r = 0; r < lf_rows(v) / 3; r++)
+        for (long i = 0; i < c; i += LF_LANES) {
+            const long at = 3 * r * c + i, count = c - i < LF_LANES ? c - i : LF_LANES;
+            lf_vec x[3];
+            const lf_vec n = load_norm(v->value + at, c, count, x);
+            /* a NaN stays one */
+            const lf_vec scale = lf_vec_relu(n + lf_vec_load_part(beta->value + i, count)) / n;
+            for (int a = 0; a < 3; a++)
+                lf_vec_store_part(y->value + at + a * c, count, scale * x[a]);
         }
-    }
     lf_record(tape, "norm_relu", norm_relu_backward, NULL, LF_IN(v, beta), LF_OUT(y));
     return y;
 }

@@ -10,12 +10,13 @@
  * Keeps      the weights [Q, V, H].
  * Degenerate no view: zeros. One view: weight 1, no gradient to q and k.
  *
- * Products are formed channel by channel and summed per head afterwards, and weights are spread
- * over the channels of their head first, so that all inner loops run over contiguous channels.
+ * Where the channels of each type fit a vector: attention_lanes.h. Else products are formed channel
+ * by channel and summed per head afterwards, and weights are spread over the channels of their head
+ * first, so that all inner loops run over contiguous channels.
  */
-#include "layers/layers.h"
+#include "layers/attention_lanes.h"
 
-enum { CHANNELS = 512, HEADS = 32, VIEWS = 256 };
+enum { CHANNELS = 512, HEADS = 32, VIEWS = LF_ATTENTION_VIEWS };
 
 typedef struct attention {
     lf_ray_geometry rays;
@@ -23,6 +24,8 @@ typedef struct attention {
     int heads;
     lf_real scale;
     lf_real *weight; /* [Q, V, H] */
+    bool in_lanes;   /* the channels of a type fit a vector */
+    lf_lane_type type[2];
 } attention;
 
 /* sums[h] = sum of x over the channels of head h. */
@@ -88,6 +91,102 @@ static void softmax_views(const attention *t, long q, lf_real *w)
             w[v * heads + h] /= sum;
     }
 }
+
+/* ---- channels in lanes ------------------------------------------------------------------------
+ */
+
+/* Keys (half 0) or values (half 1) of view v of point q. */
+LF_INLINE void load_ray(const attention *t, lf_tensor *const *in, long q, long v, int half,
+                        lf_lane_value x[2])
+{
+    const long qv = q * t->rays.views + v;
+    x[0] = lf_lane_load(&t->type[0], in[2]->value + (2 * qv + half) * t->c0, 0);
+    if (t->c1)
+        x[1] = lf_lane_load(&t->type[1], in[3]->value + 6 * qv * t->c1 + half * t->c1, 2 * t->c1);
+}
+
+LF_INLINE void load_point(const attention *t, const lf_real *x0, const lf_real *x1, long q,
+                          lf_lane_value x[2])
+{
+    x[0] = lf_lane_load(&t->type[0], x0 + q * t->c0, 0);
+    if (t->c1)
+        x[1] = lf_lane_load(&t->type[1], x1 + 3 * q * t->c1, t->c1);
+}
+
+LF_INLINE lf_vec both_products(const attention *t, const lf_lane_value *a, const lf_lane_value *b)
+{
+    const lf_vec sum = lf_lane_products(&t->type[0], a, b);
+    return t->c1 ? sum + lf_lane_products(&t->type[1], a + 1, b + 1) : sum;
+}
+
+static void forward_lanes(const attention *t, long q, lf_tensor *const *in, lf_real *o0,
+                          lf_real *o1)
+{
+    const long views = t->rays.views;
+    lf_lane_value query[2], ray[2], sum[2] = {{{{0}}}};
+    lf_vec w[VIEWS];
+    load_point(t, in[0]->value, t->c1 ? in[1]->value : NULL, q, query);
+    for (long v = 0; v < views; v++) {
+        load_ray(t, in, q, v, 0, ray);
+        w[v] = t->scale * both_products(t, query, ray);
+    }
+    lf_lane_softmax(views, t->rays.mask->value + q * views, w);
+    for (long v = 0; v < views; v++) {
+        load_ray(t, in, q, v, 1, ray);
+        lf_vec_store_part(t->weight + (q * views + v) * t->heads, t->heads, w[v]);
+        for (int k = 0; k < 2; k++)
+            lf_lane_sum(&t->type[k], w[v], &ray[k], &sum[k]);
+    }
+    lf_lane_store(&t->type[0], &sum[0], o0, 0);
+    lf_lane_store(&t->type[1], &sum[1], o1, t->c1);
+}
+
+/* Gradients of one ray's keys and values, and its share of the query's. */
+LF_INLINE void backward_lane_ray(const attention *t, lf_tensor *const *in, long q, long v,
+                                 lf_vec dl, lf_vec w, const lf_lane_value *query,
+                                 const lf_lane_value *g, lf_lane_value *dq)
+{
+    const long qv = q * t->rays.views + v, c0 = t->c0, c1 = t->c1;
+    lf_lane_value key[2];
+    load_ray(t, in, q, v, 0, key);
+    for (int k = 0; k < 2; k++)
+        lf_lane_sum(&t->type[k], dl, &key[k], &dq[k]);
+    if (in[2]->grad) {
+        lf_lane_add(&t->type[0], dl, &query[0], in[2]->grad + 2 * qv * c0, 0);
+        lf_lane_add(&t->type[0], w, &g[0], in[2]->grad + 2 * qv * c0 + c0, 0);
+    }
+    if (c1 && in[3]->grad) {
+        lf_lane_add(&t->type[1], dl, &query[1], in[3]->grad + 6 * qv * c1, 2 * c1);
+        lf_lane_add(&t->type[1], w, &g[1], in[3]->grad + 6 * qv * c1 + c1, 2 * c1);
+    }
+}
+
+static void backward_lanes(const attention *t, const lf_node *node, long q)
+{
+    const long views = t->rays.views;
+    lf_tensor *const *in = node->in;
+    lf_lane_value g[2], query[2], ray[2], dq[2] = {{{{0}}}};
+    lf_vec w[VIEWS], dw[VIEWS], mean = {0};
+    load_point(t, node->out[0]->grad, t->c1 ? node->out[1]->grad : NULL, q, g);
+    load_point(t, in[0]->value, t->c1 ? in[1]->value : NULL, q, query);
+    for (long v = 0; v < views; v++) {
+        load_ray(t, in, q, v, 1, ray);
+        w[v] = lf_vec_load_part(t->weight + (q * views + v) * t->heads, t->heads);
+        dw[v] = both_products(t, g, ray);
+        mean += w[v] * dw[v];
+    }
+    for (long v = 0; v < views; v++)
+        if (t->rays.mask->value[q * views + v] > 0)
+            backward_lane_ray(t, in, q, v, t->scale * w[v] * (dw[v] - mean), w[v], query, g, dq);
+    const lf_vec one = lf_vec_all(1);
+    if (in[0]->grad)
+        lf_lane_add(&t->type[0], one, &dq[0], in[0]->grad + q * t->c0, 0);
+    if (t->c1 && in[1]->grad)
+        lf_lane_add(&t->type[1], one, &dq[1], in[1]->grad + 3 * q * t->c1, t->c1);
+}
+
+/* ---- channels in arrays -----------------------------------------------------------------------
+ */
 
 static void forward_point(const attention *t, long q, lf_tensor *const *in, lf_real *o0,
                           lf_real *o1)
@@ -174,7 +273,10 @@ static void backward(const lf_node *node)
 {
     const attention *t = node->saved;
     for (long q = 0; q < t->rays.points; q++)
-        backward_point(t, node, q);
+        if (t->in_lanes)
+            backward_lanes(t, node, q);
+        else
+            backward_point(t, node, q);
 }
 
 static void require_shapes(const attention *t, lf_field q, lf_field kv)
@@ -194,17 +296,23 @@ static void require_shapes(const attention *t, lf_field q, lf_field kv)
 /* A ray and a half of its keys and values: logits and sum forward; back dw, dq, dk and dval. */
 static void count_products(lf_tape *tape, const attention *t, lf_field q, lf_field kv)
 {
-    const double seen = lf_count_present(t->rays.points * t->rays.views, t->rays.mask->value);
+    const double seen = lf_present(t->rays.points * t->rays.views, t->rays.mask->value);
     const double half = seen * (double)(t->c0 + 3 * t->c1);
-    lf_count(tape, 2 * half, half * (1 + q.scalar->wants + 2 * kv.scalar->wants));
+    lf_products(tape, 2 * half, half * (1 + q.scalar->wants + 2 * kv.scalar->wants));
 }
 
 lf_field lf_ray_attention(lf_tape *tape, lf_field q, lf_field kv, const lf_ray_geometry *rays,
                           int heads)
 {
     attention *t = lf_alloc(tape, sizeof *t);
-    *t = (attention){*rays, lf_cols(q.scalar), q.vector ? lf_cols(q.vector) : 0, heads, 0, NULL};
+    *t = (attention){.rays = *rays,
+                     .c0 = lf_cols(q.scalar),
+                     .c1 = q.vector ? lf_cols(q.vector) : 0,
+                     .heads = heads};
     require_shapes(t, q, kv);
+    t->in_lanes = lf_lanes_fit(t->c0, heads) && lf_lanes_fit(t->c1, heads);
+    t->type[0] = lf_lane_type_make((int)t->c0, 1, heads);
+    t->type[1] = lf_lane_type_make((int)t->c1, 3, heads);
     t->scale = (lf_real)(1 / sqrt((double)(t->c0 + 3 * t->c1) / heads));
     t->weight = lf_alloc_reals(tape, rays->points * rays->views * heads);
     lf_tensor *in[] = {q.scalar, q.vector, kv.scalar, kv.vector};
@@ -212,8 +320,8 @@ lf_field lf_ray_attention(lf_tape *tape, lf_field q, lf_field kv, const lf_ray_g
     if (t->c1)
         o.vector = lf_tensor_new(tape, 3, LF_DIMS(rays->points, 3, t->c1));
     for (long p = 0; p < rays->points; p++)
-        forward_point(t, p, in, o.scalar->value + p * t->c0,
-                      t->c1 ? o.vector->value + 3 * p * t->c1 : NULL);
+        (t->in_lanes ? forward_lanes : forward_point)(
+            t, p, in, o.scalar->value + p * t->c0, t->c1 ? o.vector->value + 3 * p * t->c1 : NULL);
     lf_tensor *out[] = {o.scalar, o.vector};
     if (lf_profiled(tape))
         count_products(tape, t, q, kv);

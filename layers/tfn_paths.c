@@ -111,11 +111,11 @@ static void backward(const lf_node *node)
  * one's adjoint has an inner product of its own. */
 static void count_products(lf_tape *tape, const paths *p, lf_field x)
 {
-    const double seen = lf_count_present(p->rays.points * p->rays.views, p->rays.mask->value);
+    const double seen = lf_present(p->rays.points * p->rays.views, p->rays.mask->value);
     const double c0 = (double)p->c0, c1 = (double)p->c1, degree2 = p->degree2 ? 3 : 0;
     const double scalars = x.scalar->wants ? 3 * c0 : 0;
     const double vectors = x.vector && x.vector->wants ? (9 + 2 * degree2) * c1 : 0;
-    lf_count(tape, seen * (3 * c0 + (9 + degree2) * c1), seen * (scalars + vectors));
+    lf_products(tape, seen * (3 * c0 + (9 + degree2) * c1), seen * (scalars + vectors));
 }
 
 lf_field lf_tfn_paths(lf_tape *tape, lf_field x, const lf_ray_geometry *rays, bool degree2)

@@ -15,6 +15,12 @@ static void check_config(const lf_backbone_config *c)
                    c->blocks[s], c->fields[s]);
 }
 
+/* Channels of a field. */
+static int per_field(const lf_backbone_config *c)
+{
+    return c->c8 ? LF_C8 : c->plain_channels;
+}
+
 /* Fields of map m: 0 the stem, else the stage. */
 static int fields_of(const lf_backbone_config *c, int m)
 {
@@ -27,7 +33,7 @@ static void init_heads(lf_store *store, const char *prefix, lf_backbone *b)
     const lf_backbone_config *c = &b->config;
     char name[NAME];
     for (int m = c->stem_map ? 0 : 1; m <= c->stages; m++) {
-        const int channels = LF_C8 * fields_of(c, m);
+        const int channels = per_field(c) * fields_of(c, m);
         snprintf(name, sizeof name, "%s.head%d", prefix, m);
         lf_conv_layer_init(store, name, c->c8 ? channels / LF_C8 : channels, c->features, 1, 1,
                            true, channels, &b->head[m]);
@@ -39,7 +45,7 @@ void lf_backbone_init(lf_store *store, const char *prefix, const lf_backbone_con
 {
     check_config(config);
     const lf_unit_config unit = {config->c8, config->cutoff, config->instance_norm,
-                                 config->momentum};
+                                 config->momentum, per_field(config)};
     char name[NAME];
     *backbone = (lf_backbone){.config = *config};
     for (int s = 0; s < config->stages; s++)
@@ -91,12 +97,10 @@ int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *im
     return c->stages + 1;
 }
 
-int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images,
-                        bool training, lf_tensor *maps[LF_BACKBONE_MAPS])
+int lf_backbone_scalars(lf_tape *tape, const lf_backbone *backbone, lf_tensor *const *inner,
+                        lf_tensor *maps[LF_BACKBONE_MAPS])
 {
     const lf_backbone_config *c = &backbone->config;
-    lf_tensor *inner[LF_BACKBONE_MAPS];
-    lf_backbone_fields(tape, backbone, images, training, inner);
     int count = 0;
     lf_scope(tape, "heads");
     for (int m = c->stem_map ? 0 : 1; m <= c->stages; m++) {
@@ -105,6 +109,14 @@ int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *i
     }
     lf_scope_end(tape);
     return count;
+}
+
+int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images,
+                        bool training, lf_tensor *maps[LF_BACKBONE_MAPS])
+{
+    lf_tensor *inner[LF_BACKBONE_MAPS];
+    lf_backbone_fields(tape, backbone, images, training, inner);
+    return lf_backbone_scalars(tape, backbone, inner, maps);
 }
 
 /* ---- cost ------------------------------------------------------------------------------------ */

@@ -6,7 +6,7 @@
  *
  * With c8 all inner maps are regular fields and the results are scalars: turning the images by 90
  * degrees turns the maps, exactly if H and W are 2^k m + 1, k the number of strides: 65, 129, 225.
- * Without c8 the same network has ordinary filters over 8 channels a field.
+ * Without c8 the same network has ordinary filters over plain_channels channels a field.
  *
  * Parameters are prefix.stem.*, prefix.stage<s>.block<b>.{conv1,conv2,conv3,shortcut}.*, s from 1,
  * b from 0, and prefix.head<m>.{weight,bias}, m = 0 for the stem's map, else the stage.
@@ -20,7 +20,8 @@ enum { LF_BACKBONE_STAGES = 8, LF_BACKBONE_MAPS = LF_BACKBONE_STAGES + 1 };
 
 typedef struct lf_backbone_config {
     int in_channels;
-    bool c8; /* false: ordinary convolutions, 8 channels a field */
+    bool c8;            /* false: ordinary convolutions, */
+    int plain_channels; /* so many channels a field: 8 costs the same time (unused with c8) */
     int stem_fields;
     int stem_size;  /* odd */
     bool stem_pool; /* 3x3 max-pool, stride 2, between stem and stages */
@@ -54,7 +55,10 @@ void lf_backbone_free(lf_backbone *backbone);
  * the batch's statistics and updates the running ones. */
 int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images, bool training,
                        lf_tensor *maps[LF_BACKBONE_MAPS]);
-/* images -> scalar maps [N, h, w, features], finest first; returns their number. */
+/* Inner maps -> scalar maps [N, h, w, features], finest first; returns their number. */
+int lf_backbone_scalars(lf_tape *tape, const lf_backbone *backbone, lf_tensor *const *inner,
+                        lf_tensor *maps[LF_BACKBONE_MAPS]);
+/* Both: images -> scalar maps. */
 int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images,
                         bool training, lf_tensor *maps[LF_BACKBONE_MAPS]);
 

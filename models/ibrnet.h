@@ -1,19 +1,18 @@
 /* ibrnet.h: IBRNet: colours and densities of samples on target rays from what source views see
  * there. Not equivariant: it is told directions in the frame of the poses.     [method.md 5c]
  *
- *   direction  4 -> 16 -> F of the differences of direction, added to what is seen
- *   base       with its mean and variance under the weights by direction: 3 F -> 64 -> 32
- *   visibility 32 -> 32 -> 33: a residual and a first weight; 32 -> 32 -> 1: a second
- *   point      mean, variance, mean weight: 65 -> 64 -> width; + position code; attention along the
- *              ray (4 heads, residual, layer norm); width -> 16 -> 1: the density
+ *   views      ibrnet_aggregation.h, with the 4 numbers of the differences of direction and first
+ *              weights by direction: of each view 32 numbers, of each sample `width`
+ *   density    + position code; attention along the ray (4 heads, residual, layer norm);
+ *              width -> 16 -> 1
  *   colour     of each view a logit: [32, second weight, differences 4] -> 16 -> 8 -> 1; softmax
  *
- * ELU after every map but the last of colour and density. Features and maps in lanes: see
- * layers/ibrnet.h. The mean and variance's share of base's first map is computed once a point.
+ * ELU after every map but the last of colour and density, and where the aggregation has none.
  */
 #ifndef LF_MODELS_IBRNET_H
 #define LF_MODELS_IBRNET_H
 
+#include "models/ibrnet_aggregation.h"
 #include "models/ray_network.h"
 
 typedef struct lf_ibrnet_config {
@@ -25,7 +24,8 @@ typedef struct lf_ibrnet_config {
 typedef struct lf_ibrnet {
     lf_ibrnet_config config;
     const lf_parameter *sharpness; /* [1]: s of the weights by direction */
-    lf_linear_layer direction[2], base[2], visibility[2], again[2], point[2], colour[3];
+    lf_ibrnet_aggregation views;
+    lf_linear_layer colour[3];
     lf_linear_layer query, key, value, join;
     const lf_parameter *gain, *bias; /* [width] of the layer norm */
     lf_mlp density;

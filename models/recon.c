@@ -1,10 +1,24 @@
-/* recon.c: the reconstruction model, read as the paper's pipeline.                 [method.md 5a]
- */
-#include "models/recon.h"
+/* recon.c: what all reconstruction models have in common. See recon.h.            [method.md 5a.2,
+ * 5a.3] */
+#include "models/disn.h"
+#include "models/fvor.h"
+#include "models/ibrnet_sdf.h"
+#include "models/recon_equivariant.h"
 
-/* Depth code: distances are centred at 2.5 and scaled by 0.5 (method.md 4.4): cameras of the
- * built-in views stand 2.5 box diagonals away and the object has radius 0.5. */
-static const double depth_centre = 2.5, depth_half = 0.5;
+static const lf_recon_network *const networks[] = {&lf_recon_equivariant, &lf_disn, &lf_fvor,
+                                                   &lf_ibrnet_sdf};
+enum { NETWORKS = sizeof networks / sizeof *networks };
+
+/* ---- config ---- */
+
+static const lf_recon_network *network_of(const lf_config *cfg)
+{
+    for (int i = 0; i < NETWORKS; i++)
+        if (lf_config_is(cfg, "model.type", networks[i]->type))
+            return networks[i];
+    LF_REQUIRE(false, "model.type = %s reconstructs nothing", lf_config_choice(cfg, "model.type"));
+    return NULL;
+}
 
 static lf_backbone_config backbone_config(const lf_config *cfg)
 {
@@ -16,6 +30,7 @@ static lf_backbone_config backbone_config(const lf_config *cfg)
     lf_backbone_config b = {
         .in_channels = lf_config_is(cfg, "data.channels", "colour") ? 4 : 2,
         .c8 = lf_config_is(cfg, "model.backbone", "c8"),
+        .plain_channels = (int)lf_config_int(cfg, "model.plain_channels"),
         .stem_fields = (int)lf_config_int(cfg, "model.stem_fields"),
         .stem_size = (int)lf_config_int(cfg, "model.stem_size"),
         .stem_pool = lf_config_bool(cfg, "model.stem_pool"),
@@ -38,135 +53,135 @@ static lf_backbone_config backbone_config(const lf_config *cfg)
 lf_recon_config lf_recon_config_from(const lf_config *cfg)
 {
     lf_recon_config c = {
+        .network = network_of(cfg),
         .backbone = backbone_config(cfg),
         .image_size = lf_config_int(cfg, "data.image_size"),
         .sample_image = lf_config_bool(cfg, "model.sample_image"),
-        .depth_octaves = (int)lf_config_int(cfg, "model.depth_octaves"),
-        .block = {.scalars = lf_config_int(cfg, "model.scalars"),
-                  .vectors = lf_config_int(cfg, "model.vectors"),
-                  .heads = (int)lf_config_int(cfg, "model.heads"),
-                  .degree2 = lf_config_bool(cfg, "model.degree2"),
-                  .skip_linear = lf_config_is(cfg, "model.skip", "linear"),
-                  .nonlinearity =
-                      lf_config_is(cfg, "model.nonlinearity", "gated") ? LF_GATED : LF_NORM_RELU},
-        .blocks = (int)lf_config_int(cfg, "model.blocks"),
     };
     const long *mlp = lf_config_ints(cfg, "model.mlp", &c.mlp_widths);
-    LF_REQUIRE(c.mlp_widths < LF_MLP_MAX && c.blocks <= LF_RECON_BLOCKS, "%d MLP layers, %d blocks",
-               c.mlp_widths, c.blocks);
+    LF_REQUIRE(c.mlp_widths < LF_MLP_MAX, "%d MLP layers", c.mlp_widths);
     for (int i = 0; i < c.mlp_widths; i++)
         c.mlp[i] = mlp[i];
+    c.network->configure(cfg, &c);
     return c;
 }
 
-static long depth_code_size(const lf_recon_config *c)
-{
-    return c->depth_octaves ? 1 + 2 * c->depth_octaves : 0;
-}
+/* ---- the model ---- */
 
-long lf_recon_sampled(const lf_recon *model)
+void lf_recon_backbone_init(lf_recon *model, int more_channels)
 {
-    return model->feature_count - depth_code_size(&model->config);
+    const lf_recon_config *c = &model->config;
+    lf_backbone_config backbone = c->backbone;
+    backbone.in_channels += more_channels;
+    lf_backbone_init(model->store, "backbone", &backbone, &model->backbone);
+    const long maps = backbone.stages + (backbone.stem_map ? 1 : 0);
+    model->feature_count =
+        maps * backbone.features + (c->sample_image ? c->backbone.in_channels : 0);
 }
 
 void lf_recon_init(lf_recon *model, lf_store *store, const lf_recon_config *config)
 {
     *model = (lf_recon){.config = *config, .store = store};
-    const long c0 = config->block.scalars, c1 = config->block.vectors, kept = config->blocks + 1;
-    lf_backbone_init(store, "backbone", &config->backbone, &model->backbone);
-    model->head_first = lf_store_size(store);
-    const long maps = config->backbone.stages + (config->backbone.stem_map ? 1 : 0);
-    model->feature_count = maps * config->backbone.features + depth_code_size(config) +
-                           (config->sample_image ? config->backbone.in_channels : 0);
-    lf_ray_convolution_init(store, &model->convolution, "convolution", model->feature_count, c0,
-                            c1);
-    for (int b = 0; b < config->blocks; b++) {
-        char name[32];
-        snprintf(name, sizeof name, "block%d", b);
-        const long ray0 = b ? c0 : model->feature_count, ray1 = b ? c1 : 0;
-        lf_transformer_block_init(store, &model->block[b], name, &config->block, ray0, ray1);
-    }
-    model->has_readout = c1 > 0;
-    if (model->has_readout)
-        lf_vector_neuron_init(store, &model->readout, "readout", kept * c1);
-    lf_mlp_init(store, &model->head, "head", kept * (c0 + c1), config->mlp_widths, config->mlp, 1);
+    config->network->init(model);
+    LF_REQUIRE(model->layers <= LF_RECON_LAYERS, "%d layers to show", model->layers);
 }
 
 void lf_recon_free(lf_recon *model)
 {
     lf_backbone_free(&model->backbone);
+    free(model->net);
+    model->net = NULL;
 }
 
-int lf_recon_maps(lf_tape *tape, const lf_recon *model, lf_tensor *images, bool training,
-                  lf_tensor *maps[LF_BACKBONE_MAPS + 1])
+void lf_recon_grid(const lf_recon *model, double (*point)[3])
 {
+    const long n = model->grid;
+    for (long i = 0; i < n * n * n; i++) {
+        const long at[3] = {i % n, i / n % n, i / n / n};
+        for (int a = 0; a < 3; a++)
+            point[i][a] = (double)at[a] / (double)(n - 1) - 0.5;
+    }
+}
+
+/* ---- images ---- */
+
+void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *images, long views,
+                            const lf_recon_points *grid, bool training, lf_recon_code *code)
+{
+    const lf_recon_network *network = model->config.network;
+    lf_scope(tape, "images");
+    lf_tensor *view = network->view ? network->view(tape, model, images) : images;
+    lf_scope_end(tape);
+    LF_REQUIRE(views >= 1 && images->dim[0] % views == 0, "%ld images of objects in %ld views",
+               images->dim[0], views);
+    *code = (lf_recon_code){.views = views};
     lf_scope(tape, "backbone");
-    int count = lf_backbone_forward(tape, &model->backbone, images, training, maps);
+    code->inner_maps = lf_backbone_fields(tape, &model->backbone, view, training, code->inner);
+    code->maps = lf_backbone_scalars(tape, &model->backbone, code->inner, code->map);
     lf_scope_end(tape);
     if (model->config.sample_image)
-        maps[count++] = images;
-    return count;
+        code->map[code->maps++] = images;
+    LF_REQUIRE(model->grid == 0 || grid, "a network with a grid is not told how views see it");
+    lf_scope(tape, "object");
+    if (network->object)
+        code->object = network->object(tape, model, training, code, grid);
+    lf_scope_end(tape);
 }
 
-/* [s', sin 2^k pi s', cos 2^k pi s'], s' = (s - centre) / half.                    [method.md 5a.3]
- */
-static lf_tensor *depth_code(lf_tape *tape, const lf_recon *model, const lf_ray_geometry *rays,
-                             const double *distance)
+/* ---- points ---- */
+
+static lf_ray_geometry rays_of(lf_tape *tape, const lf_recon_points *p)
 {
-    const int octaves = model->config.depth_octaves;
-    const long n = depth_code_size(&model->config);
-    lf_tensor *code = lf_tensor_new(tape, 3, LF_DIMS(rays->points, rays->views, n));
-    for (long r = 0; r < rays->points * rays->views; r++) {
-        lf_real *out = code->value + r * n;
-        const double s = (distance[r] - depth_centre) / depth_half;
-        out[0] = (lf_real)s;
-        for (int k = 0; k < octaves; k++) {
-            const double phase = (double)(1 << k) * 3.141592653589793 * s;
-            out[1 + 2 * k] = (lf_real)sin(phase);
-            out[2 + 2 * k] = (lf_real)cos(phase);
-        }
-    }
-    return code;
+    lf_tensor *direction = lf_tensor_new(tape, 3, LF_DIMS(p->count, p->views, 3));
+    lf_tensor *mask = lf_tensor_new(tape, 2, LF_DIMS(p->count, p->views));
+    for (long i = 0; i < direction->size; i++)
+        direction->value[i] = (lf_real)p->direction[i];
+    for (long i = 0; i < mask->size; i++)
+        mask->value[i] = p->mask[i];
+    return (lf_ray_geometry){p->count, p->views, direction, mask};
 }
 
-/* Invariants of all kept point features, joined.                                   [method.md 5a.6]
- */
-static lf_tensor *invariants(lf_tape *tape, const lf_recon *model, const lf_field *kept, int count)
+lf_recon_inputs lf_recon_look(lf_tape *tape, const lf_recon *model, const lf_recon_code *code,
+                              const lf_recon_points *points)
 {
-    lf_tensor *scalars[LF_RECON_BLOCKS + 2], *vectors[LF_RECON_BLOCKS + 1];
-    for (int i = 0; i < count; i++) {
-        scalars[i] = kept[i].scalar;
-        vectors[i] = kept[i].vector;
-    }
-    if (!model->has_readout)
-        return lf_concat(tape, count, scalars);
-    lf_tensor *all = lf_concat(tape, count, vectors);
-    scalars[count] = lf_vector_neuron_apply(tape, &model->readout, all);
-    return lf_concat(tape, count + 1, scalars);
+    const lf_recon_network *network = model->config.network;
+    const long size = model->config.image_size;
+    lf_scope(tape, "samples");
+    lf_recon_inputs in = {.rays = rays_of(tape, points), .points = points};
+    in.seen =
+        lf_sample_maps(tape, code->maps, (lf_tensor *const *)code->map, size, size, points->count,
+                       points->views, points->uv, in.rays.mask->value, points->first);
+    if (network->recall)
+        in.known = network->recall(tape, model, code->object, points);
+    lf_scope_end(tape);
+    return in;
 }
 
-lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, lf_tensor *seen,
-                        const lf_ray_geometry *rays, const double *distance, lf_field *layers)
+const long *lf_recon_objects(lf_tape *tape, const lf_recon_points *points)
+{
+    long *object = lf_alloc(tape, (size_t)points->count * sizeof *object);
+    for (long q = 0; q < points->count; q++)
+        object[q] = points->first[q] / points->views;
+    return object;
+}
+
+lf_tensor *lf_recon_sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,
+                        lf_field *layers)
+{
+    return model->config.network->sdf(tape, model, in, layers);
+}
+
+/* ---- cost ---- */
+
+lf_recon_cost lf_recon_costs(const lf_recon *model, long views)
 {
     const lf_recon_config *c = &model->config;
-    lf_tensor *ray = seen; /* 5a.3 */
-    lf_scope(tape, "ray convolution");
-    if (c->depth_octaves)
-        ray = lf_concat(tape, 2, (lf_tensor *[]){seen, depth_code(tape, model, rays, distance)});
-    lf_field point = lf_ray_convolution_apply(tape, &model->convolution, ray, rays); /* 5a.4 */
-    lf_scope_end(tape);
-    lf_field on_rays = {ray, NULL}, kept[LF_RECON_BLOCKS + 1] = {point};
-    for (int b = 0; b < c->blocks; b++) { /* 5a.5 */
-        lf_scope(tape, "block%d", b);
-        lf_transformer_block_apply(tape, &model->block[b], &on_rays, &point, rays);
-        kept[b + 1] = point;
-        lf_scope_end(tape);
-    }
-    for (int i = 0; layers && i <= c->blocks; i++)
-        layers[i] = kept[i];
-    lf_scope(tape, "readout"); /* 5a.6 */
-    lf_tensor *x = invariants(tape, model, kept, c->blocks + 1);
-    x = lf_mlp_apply(tape, &model->head, x);
-    lf_scope_end(tape);
-    return x;
+    const lf_backbone_cost b = lf_backbone_macs(&model->backbone, c->image_size, c->image_size);
+    const double pixels = (double)(c->image_size * c->image_size);
+    lf_recon_cost cost = {.image = b.macs,
+                          .image_kept = b.kept + pixels * c->backbone.in_channels,
+                          .point = (double)views * 4 * (double)model->feature_count,
+                          .point_kept = 2 * (double)views * (double)model->feature_count};
+    c->network->cost(model, views, &cost);
+    return cost;
 }

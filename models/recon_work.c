@@ -1,4 +1,4 @@
-/* recon_work.c: tiles, lanes and workers of the reconstruction model. See recon_work.h. */
+/* recon_work.c: tiles, lanes and workers of the reconstruction models. See recon_work.h. */
 #include <omp.h>
 #include "models/recon_work.h"
 
@@ -14,15 +14,8 @@ struct lf_recon_work {
     lf_tape *features;
     lf_tape *worker[LF_RECON_LANES]; /* one a thread; any tile may run on any of them */
     lane lane[LF_RECON_LANES];
-    lf_tensor *map[LF_BACKBONE_MAPS + 1]; /* on `features`, after lf_recon_encode */
-    int maps;
+    lf_recon_code code; /* on `features`, after lf_recon_encode */
 };
-
-/* Threads of a team: no more than there are tapes for. */
-static int workers(void)
-{
-    return omp_get_max_threads() < LF_RECON_LANES ? omp_get_max_threads() : LF_RECON_LANES;
-}
 
 lf_recon_work *lf_recon_work_create(const lf_recon *model, long tile)
 {
@@ -59,13 +52,6 @@ void lf_recon_work_check(lf_recon_work *work, bool on)
         lf_tape_set_check(work->worker[l], on);
 }
 
-void lf_recon_work_watch(lf_recon_work *work, lf_profile *profile)
-{
-    lf_profile_watch(profile, work->features, 0);
-    for (int l = 0; l < LF_RECON_LANES; l++)
-        lf_profile_watch(profile, work->worker[l], workers());
-}
-
 static bool is_forward(const char *found)
 {
     return found && strncmp(found, "forward", 7) == 0;
@@ -93,35 +79,34 @@ size_t lf_recon_work_bytes(const lf_recon_work *work)
     return bytes;
 }
 
-/* Directions and visibility of the points [from, from + count) as tensors of `tape`. */
-static lf_ray_geometry rays_of(lf_tape *tape, const lf_recon_points *p, long from, long count)
+/* Threads of a team: no more than there are tapes for. */
+static int workers(void)
 {
-    lf_tensor *direction = lf_tensor_new(tape, 3, LF_DIMS(count, p->views, 3));
-    lf_tensor *mask = lf_tensor_new(tape, 2, LF_DIMS(count, p->views));
-    for (long i = 0; i < direction->size; i++)
-        direction->value[i] = (lf_real)p->direction[from * p->views * 3 + i];
-    for (long i = 0; i < mask->size; i++)
-        mask->value[i] = p->mask[from * p->views + i];
-    return (lf_ray_geometry){count, p->views, direction, mask};
+    return omp_get_max_threads() < LF_RECON_LANES ? omp_get_max_threads() : LF_RECON_LANES;
 }
 
-/* Samples of the maps at the points [from, from + count), on `tape`. */
-static lf_tensor *sample(lf_tape *tape, const lf_recon_work *work, const lf_recon_points *p,
-                         long from, long count, lf_ray_geometry *rays)
+void lf_recon_work_watch(lf_recon_work *work, lf_profile *profile)
 {
-    const long size = work->model->config.image_size;
-    *rays = rays_of(tape, p, from, count);
-    return lf_sample_maps(tape, work->maps, work->map, size, size, count, p->views,
-                          p->uv + from * p->views * 2, rays->mask->value, p->first + from);
+    lf_profile_watch(profile, work->features, 0);
+    for (int l = 0; l < LF_RECON_LANES; l++)
+        lf_profile_watch(profile, work->worker[l], workers());
 }
 
-static lf_tensor *image_leaf(lf_recon_work *work, long images, const lf_real *image)
+static lf_tensor *image_leaf(lf_recon_work *work, const lf_recon_images *images)
 {
     const lf_recon_config *c = &work->model->config;
     /* a leaf without grad is only read */
     return lf_leaf(work->features, 4,
-                   LF_DIMS(images, c->image_size, c->image_size, c->backbone.in_channels),
-                   (lf_real *)(uintptr_t)image, NULL);
+                   LF_DIMS(images->count, c->image_size, c->image_size, c->backbone.in_channels),
+                   (lf_real *)(uintptr_t)images->pixel, NULL);
+}
+
+static void encode(lf_recon_work *work, const lf_recon_images *images, bool training)
+{
+    lf_tape_reset(work->features);
+    lf_tape_set_grad(work->features, training);
+    lf_recon_encode_images(work->features, work->model, image_leaf(work, images), images->views,
+                           images->grid, training, &work->code);
 }
 
 /* ---- training ---- */
@@ -131,22 +116,31 @@ typedef struct batch {
     const lf_recon_points *points;
     const float *sdf;
     const lf_sdf_loss_config *loss;
-    lf_tensor *seen; /* [Q, V, F] on the features' tape, with grad */
-    lf_ray_geometry rays;
+    lf_recon_inputs in; /* of all points, on the features' tape, with grad */
 } batch;
 
-/* Forward and backward of one tile; its gradients go to the lane and to its rows of seen->grad. */
+/* Rows [from, from + count) of all inputs, on a tile's tape. */
+static lf_recon_inputs rows_of(lf_tape *tape, const lf_recon_inputs *in,
+                               const lf_recon_points *points, long from)
+{
+    const long count = points->count;
+    lf_tensor direction = *in->rays.direction, mask = *in->rays.mask;
+    return (lf_recon_inputs){.seen = lf_rows_view(tape, in->seen, from, count),
+                             .known = in->known ? lf_rows_view(tape, in->known, from, count) : NULL,
+                             .rays = {count, points->views,
+                                      lf_rows_view(tape, &direction, from, count),
+                                      lf_rows_view(tape, &mask, from, count)},
+                             .points = points};
+}
+
+/* Forward and backward of one tile; its gradients go to the lane and to its rows of the inputs'. */
 static double run_tile(const batch *b, lf_tape *tape, const lane *l, long from, long count)
 {
-    const long views = b->points->views;
     lf_tape_reset(tape);
     lf_tape_set_lane(tape, l->grad, b->work->model->head_first);
-    lf_tensor *seen = lf_rows_view(tape, b->seen, from, count);
-    lf_tensor direction = *b->rays.direction, mask = *b->rays.mask;
-    const lf_ray_geometry rays = {count, views, lf_rows_view(tape, &direction, from, count),
-                                  lf_rows_view(tape, &mask, from, count)};
-    lf_tensor *x =
-        lf_recon_sdf(tape, b->work->model, seen, &rays, b->points->distance + from * views, NULL);
+    const lf_recon_points points = lf_recon_slice(b->points, from, count);
+    const lf_recon_inputs in = rows_of(tape, &b->in, &points, from);
+    lf_tensor *x = lf_recon_sdf(tape, b->work->model, &in, NULL);
     lf_scope(tape, "loss");
     lf_tensor *loss = lf_sdf_loss(tape, x, b->sdf + from, b->loss);
     lf_scope_end(tape);
@@ -184,50 +178,43 @@ static double reduce_lanes(const lf_recon_work *work)
     return loss;
 }
 
-double lf_recon_step(lf_recon_work *work, long images, const lf_real *image,
+double lf_recon_step(lf_recon_work *work, const lf_recon_images *images,
                      const lf_recon_points *points, const float *sdf,
                      const lf_sdf_loss_config *loss)
 {
-    lf_tape *tape = work->features;
     lf_store_zero_grads(work->model->store);
-    lf_tape_reset(tape);
-    lf_tape_set_grad(tape, true);
-    work->maps = lf_recon_maps(tape, work->model, image_leaf(work, images, image), true, work->map);
-    batch b = {work, points, sdf, loss, NULL, {0}};
-    lf_scope(tape, "samples");
-    b.seen = sample(tape, work, points, 0, points->count, &b.rays);
-    lf_grad(tape, b.seen); /* tiles add to their own rows of it */
-    lf_scope_end(tape);
-    lf_scope(tape, LF_SCOPE_TEAM);
+    encode(work, images, true);
+    batch b = {work, points, sdf, loss,
+               lf_recon_look(work->features, work->model, &work->code, points)};
+    lf_grad(work->features, b.in.seen); /* tiles add to their own rows of it */
+    if (b.in.known)
+        lf_grad(work->features, b.in.known);
+    lf_scope(work->features, LF_SCOPE_TEAM);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
     for (int l = 0; l < LF_RECON_LANES; l++)
         run_lane(&b, work->worker[omp_get_thread_num()], l);
-    lf_scope_end(tape);
-    lf_scope(tape, "lanes");
+    lf_scope_end(work->features);
+    lf_scope(work->features, "lanes");
     const double total = reduce_lanes(work);
-    lf_scope_end(tape);
-    lf_backward_from(tape);
+    lf_scope_end(work->features);
+    lf_backward_from(work->features);
     return total / (double)points->count;
 }
 
 /* ---- evaluation ---- */
 
-void lf_recon_encode(lf_recon_work *work, long images, const lf_real *image)
+void lf_recon_encode(lf_recon_work *work, const lf_recon_images *images)
 {
-    lf_tape_reset(work->features);
-    lf_tape_set_grad(work->features, false);
-    work->maps = lf_recon_maps(work->features, work->model, image_leaf(work, images, image), false,
-                               work->map);
+    encode(work, images, false);
 }
 
 static void predict_tile(const lf_recon_work *work, lf_tape *tape, const lf_recon_points *p,
                          long from, long count, double scale, float *sdf, uint8_t *valid)
 {
-    lf_ray_geometry rays;
     lf_tape_reset(tape);
-    lf_tensor *seen = sample(tape, work, p, from, count, &rays);
-    const lf_tensor *x =
-        lf_recon_sdf(tape, work->model, seen, &rays, p->distance + from * p->views, NULL);
+    const lf_recon_points points = lf_recon_slice(p, from, count);
+    const lf_recon_inputs in = lf_recon_look(tape, work->model, &work->code, &points);
+    const lf_tensor *x = lf_recon_sdf(tape, work->model, &in, NULL);
     for (long q = 0; q < count; q++) {
         sdf[from + q] = (float)((double)x->value[q] / scale);
         uint8_t any = 0;
@@ -256,32 +243,9 @@ void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double
 
 /* ---- cost ---- */
 
-/* Products of one block a point with V views. */
-static double block_macs(const lf_transformer_config *c, double views, double ray0, double ray1)
-{
-    const double c0 = (double)c->scalars, c1 = (double)c->vectors;
-    const double update = ray0 * c0 + 3 * ray1 * c1 + c0 * c0 + 3 * c1 * c1; /* a ray */
-    const double paths = c0 + (c->degree2 ? 3 : 2) * c1;
-    const double keys = (c0 + c1) * 2 * c0 + 3 * paths * 2 * c1, attend = 2 * (c0 + 3 * c1);
-    const double point = 3 * (c0 * c0 + 3 * c1 * c1); /* from_point, query, mix */
-    return views * (update + keys + attend) + point;
-}
-
 double lf_recon_macs(const lf_recon *model, long images, long points, long views)
 {
-    const lf_recon_config *c = &model->config;
-    const double c0 = (double)c->block.scalars, c1 = (double)c->block.vectors;
-    const double f = (double)model->feature_count, v = (double)views;
-    const lf_backbone_cost cost = lf_backbone_macs(&model->backbone, c->image_size, c->image_size);
-    double point = v * 4 * f + f * c0 + 3 * f * c1;
-    for (int b = 0; b < c->blocks; b++)
-        point += block_macs(&c->block, v, b ? c0 : f, b ? c1 : 0);
-    const double kept = (double)(c->blocks + 1);
-    point += 2 * 3 * kept * c1 * kept * c1;
-    double in = kept * (c0 + c1);
-    for (int i = 0; i < c->mlp_widths; i++) {
-        point += in * (double)c->mlp[i];
-        in = (double)c->mlp[i];
-    }
-    return cost.macs * (double)images + (point + in) * (double)points;
+    const lf_recon_cost cost = lf_recon_costs(model, views);
+    return cost.image * (double)images + cost.object * (double)images / (double)views +
+           cost.point * (double)points;
 }

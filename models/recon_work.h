@@ -1,4 +1,4 @@
-/* recon_work.h: how a training step and an evaluation of the reconstruction model run.
+/* recon_work.h: how a training step and an evaluation of a reconstruction model run.
  *
  * Features of all views are computed once on one tape; query points are split into tiles, each with
  * a small tape of its own that a worker resets and reuses. Tile gradients of the head's parameters
@@ -13,15 +13,15 @@
 
 enum { LF_RECON_LANES = 8 };
 
-/* What is known of Q points and the views that may see them; all arrays are the caller's. */
-typedef struct lf_recon_points {
-    long count, views;
-    const double *uv;        /* [Q, V, 2] pixels */
-    const double *direction; /* [Q, V, 3] unit, camera to point */
-    const double *distance;  /* [Q, V] */
-    const uint8_t *mask;     /* [Q, V] 1 = seen */
-    const long *first;       /* [Q] the point's first image among the images */
-} lf_recon_points;
+/* The images of a step or of an object. */
+typedef struct lf_recon_images {
+    long count;
+    long views;           /* of an object, which are in a row; they divide count */
+    const lf_real *pixel; /* [count, H, W, C], read only */
+    /* How the views see the points of the network's grid, one object after the other; NULL for a
+     * network without one. */
+    const lf_recon_points *grid;
+} lf_recon_images;
 
 typedef struct lf_recon_work lf_recon_work;
 
@@ -39,22 +39,21 @@ const char *lf_recon_nonfinite(const lf_recon_work *work);
 /* Bytes of all tapes, lanes and buffers at their largest. */
 size_t lf_recon_work_bytes(const lf_recon_work *work);
 
-/* Forward and backward of one batch: images [N, H, W, C] (read only), true distances sdf [Q]. Sets
- * the store's gradients (of the mean over the points) and updates running statistics. Returns the
- * mean loss. */
-double lf_recon_step(lf_recon_work *work, long images, const lf_real *image,
+/* Forward and backward of one batch with true distances sdf [Q]. Sets the store's gradients (of the
+ * mean over the points) and updates running statistics. Returns the mean loss. */
+double lf_recon_step(lf_recon_work *work, const lf_recon_images *images,
                      const lf_recon_points *points, const float *sdf,
                      const lf_sdf_loss_config *loss);
 
 /* Evaluation: features of one object's views, kept until the next call; then distances (divided by
  * `scale` already) of any points. valid[q] = some view sees the point. Not for two threads at once;
  * points are spread over threads inside. */
-void lf_recon_encode(lf_recon_work *work, long images, const lf_real *image);
+void lf_recon_encode(lf_recon_work *work, const lf_recon_images *images);
 void lf_recon_predict(lf_recon_work *work, const lf_recon_points *points, double scale, float *sdf,
                       uint8_t *valid);
 
 /* Multiply-adds of one training step by formula (useful operations, forward; a step is about three
- * times that): backbone on `images`, head on `points` x `views`. */
+ * times that): of `images`, of the objects that they show in `views` each, and of `points`. */
 double lf_recon_macs(const lf_recon *model, long images, long points, long views);
 
 #endif

@@ -63,7 +63,7 @@ typedef struct lf_ray_image {
     float *colour;  /* [N, 3] */
     float *depth;   /* [N] mean depth (along the camera's axis) of what the ray meets, or far */
     float *opacity; /* [N] */
-    long rows;      /* (sample, view) pairs that a network computed */
+    long rows; /* (sample, source view) pairs given to the networks, coarse and fine, seen or not */
 } lf_ray_image;
 
 /* Render the rays into out's arrays, the caller's. Rays are spread over threads inside. */

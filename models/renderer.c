@@ -71,22 +71,23 @@ lf_types lf_renderer_types(const lf_renderer *model)
     return model->config.equivariant ? model->config.ray.types : (lf_types){1, {0}};
 }
 
-static double sample_macs(const lf_renderer *model, long samples)
+double lf_renderer_network_macs(const lf_renderer *model, int network)
 {
     const lf_renderer_config *c = &model->config;
+    const long samples = c->samples + (network == LF_FINE ? c->fine : 0);
     const double sampling = 4 * (double)(c->channels + LF_RGB) * (double)c->sources;
-    return sampling + (c->equivariant
-                           ? lf_ray_equivariant_macs(&model->equivariant[0], samples, c->sources)
-                           : lf_ibrnet_macs(&model->ibrnet[0], samples, c->sources));
+    const double sample =
+        sampling + (c->equivariant
+                        ? lf_ray_equivariant_macs(&model->equivariant[0], samples, c->sources)
+                        : lf_ibrnet_macs(&model->ibrnet[0], samples, c->sources));
+    return (double)samples * sample;
 }
 
 double lf_renderer_ray_macs(const lf_renderer *model)
 {
-    const lf_renderer_config *c = &model->config;
-    double macs = (double)c->samples * sample_macs(model, c->samples);
-    const long all = c->samples + c->fine;
-    if (c->fine > 0)
-        macs += (double)all * sample_macs(model, all);
+    double macs = 0;
+    for (int i = 0; i < model->networks; i++)
+        macs += lf_renderer_network_macs(model, i);
     return macs;
 }
 

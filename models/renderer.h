@@ -48,8 +48,9 @@ lf_radiance lf_renderer_radiance(lf_tape *tape, const lf_renderer *model, int ne
 /* The types that the geometry must have: the model's, or scalars alone for IBRNet. */
 lf_types lf_renderer_types(const lf_renderer *model);
 
-/* Multiply-adds, forward: of the ray networks for one ray, and of the feature network for a
- * picture. */
+/* Multiply-adds, forward: of network LF_COARSE or LF_FINE for one ray, of all of them, and of the
+ * feature network for a picture. */
+double lf_renderer_network_macs(const lf_renderer *model, int network);
 double lf_renderer_ray_macs(const lf_renderer *model);
 double lf_renderer_picture_macs(const lf_renderer *model, long height, long width);
 

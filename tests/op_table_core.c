@@ -138,6 +138,32 @@ static int sample_views(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf
     return 1;
 }
 
+static int gather_rows(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    static const long row[5] = {2, 0, 2, 2, 0};
+    out[0] = lf_gather_rows(tape, in[0], 5, row);
+    return 1;
+}
+
+static int pool_views(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    for (long v = 0; v < 4; v++)
+        in[1]->value[v] = 0; /* no view sees the first point */
+    out[0] = lf_pool_views(tape, in[0], in[1], LF_POOL_MEAN);
+    out[1] = lf_pool_views(tape, in[0], in[1], LF_POOL_MAX);
+    return 2;
+}
+
+static int pool_all(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_pool_views(tape, in[0], NULL, LF_POOL_MEAN);
+    out[1] = lf_pool_views(tape, in[0], NULL, LF_POOL_MAX);
+    return 2;
+}
+
 static int squared_error(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
@@ -186,6 +212,9 @@ const op_case core_cases[] = {
     {"softmax: a row with none", softmax_empty, {X(3, 4), FILLED(FILL_MASK, 3, 4)}, 2, 0},
     {"sample_maps", sample_maps, {X(4, 9, 9, 3), X(4, 5, 5, 2), FILLED(FILL_MASK, 5, 2)}, 3, 0},
     {"sample_views", sample_views, {X(84), FILLED(FILL_MASK, 3, 2)}, 2, 0},
+    {"gather_rows", gather_rows, {X(3, 4)}, 1, 0},
+    {"pool_views: masked", pool_views, {X(5, 4, 3), FILLED(FILL_MASK, 5, 4)}, 2, 0},
+    {"pool_views: all", pool_all, {X(3, 6, 2)}, 1, 0},
     {"squared_error", squared_error, {X(2, 3)}, 1, 0},
     {"sdf_loss", sdf_loss, {X(6, 1)}, 1, 0},
 };

@@ -83,7 +83,8 @@ static int moments(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tens
     lf_tensor *x = rows(tape, in[0], &lanes), *w = rows(tape, in[1], &lanes);
     out[0] = lf_ibrnet_moments(tape, x, w, &lanes, true);
     out[1] = lf_ibrnet_moments(tape, x, w, &lanes, false);
-    return 2;
+    out[2] = lf_ibrnet_moments(tape, x, lf_ibrnet_even_weights(tape, &lanes), &lanes, true);
+    return 3;
 }
 
 static int residual(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)

@@ -101,6 +101,25 @@ static int resize(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tenso
     return 2;
 }
 
+static int volume_slices(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_volume_slices(tape, in[0], 1);
+    out[1] = lf_volume_slices(tape, in[0], 2);
+    return 2;
+}
+
+/* Inside, on the far corner, outside. */
+static int sample_volume(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    static const double position[5 * 3] = {0.1,  -0.3, 0.22, 0.5, 0.5, 0.5, -0.7, 0.1,
+                                           0.95, 0,    0,    0,   0.4, 0.4, -0.5};
+    static const long volume[5] = {1, 0, 1, 1, 0};
+    out[0] = lf_sample_volume(tape, in[0], 5, position, volume);
+    return 1;
+}
+
 static int group_sum(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
@@ -195,6 +214,9 @@ const op_case image_cases[] = {
     {"resize: aligned, one line", resize_aligned, {{4, {2, 1, 3, 2}, FILL_NORMAL, false}}, 1, 0},
     {"resize: corners not aligned", resize, {{4, {2, 4, 5, 3}, FILL_NORMAL, false}}, 1, 0},
     {"resize: not aligned, one line", resize, {{4, {2, 1, 3, 2}, FILL_NORMAL, false}}, 1, 0},
+    {"volume_slices", volume_slices, {{5, {2, 5, 2, 3, 2}, FILL_NORMAL, false}}, 1, 0},
+    {"volume_slices: one", volume_slices, {{5, {2, 1, 2, 2, 3}, FILL_NORMAL, false}}, 1, 0},
+    {"sample_volume", sample_volume, {{5, {2, 3, 4, 5, 2}, FILL_NORMAL, false}}, 1, 0},
     {"group_sum", group_sum, {{4, {2, 3, 2, 16}, FILL_NORMAL, false}}, 1, 0},
     {"c8_expand: lift, 5x5", expand_lift, {{3, {2, 3, 11}, FILL_NORMAL, false}}, 1, 0},
     {"c8_expand: regular, 3x3", expand_regular, {{4, {2, 3, 8, 6}, FILL_NORMAL, false}}, 1, 0},

@@ -7,19 +7,25 @@
 #include "models/recon.h"
 #include "tests/close.h"
 
+/* `more`: "key=value;key=value", or NULL. */
 static inline lf_config *make_config(const char *more)
 {
     static const char *const sets[] = {
         "data.image_size=33", "model.stages=1, 1", "model.fields=2, 4", "model.stem_fields=2",
-        "model.features=4",   "model.scalars=8",   "model.vectors=4",   "model.mlp=16"};
+        "model.features=4",   "model.scalars=8",   "model.vectors=4",   "model.mlp=16",
+        "model.point=4, 8",   "model.global=6",    "model.grid=5",      "model.volume=1, 1"};
     lf_config *cfg;
     lf_error err = {""};
     if (lf_config_load(NULL, &cfg, &err) != LF_OK)
         fail_msg("%s", err.text);
     for (size_t i = 0; i < sizeof sets / sizeof *sets; i++)
         assert_int_equal(lf_config_set(cfg, sets[i], &err), LF_OK);
-    if (more)
-        assert_int_equal(lf_config_set(cfg, more, &err), LF_OK);
+    for (const char *at = more; at && *at; at += strcspn(at, ";") + (strchr(at, ';') != NULL)) {
+        char set[96];
+        snprintf(set, sizeof set, "%.*s", (int)strcspn(at, ";"), at);
+        if (lf_config_set(cfg, set, &err) != LF_OK)
+            fail_msg("%s", err.text);
+    }
     assert_int_equal(lf_config_check(cfg, &err), LF_OK);
     return cfg;
 }

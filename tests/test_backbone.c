@@ -10,6 +10,7 @@ static lf_backbone_config tiny(bool c8)
 {
     return (lf_backbone_config){.in_channels = 3,
                                 .c8 = c8,
+                                .plain_channels = 8,
                                 .stem_fields = 4,
                                 .stem_size = 7,
                                 .stages = 3,

@@ -114,22 +114,19 @@ static void test_other_formats(void **state)
     lf_image_free(image);
 }
 
-/* A small TIFF, little-endian, 8 bits, no compression: entries by tag, then the pixels. */
-static size_t tiff(char *out, int width, int height, int channels, int photometric, int orientation)
+/* A small TIFF, little-endian, 8 bits, no compression: entries by tag, then the pixels. `alpha`: 0
+ * no such entry, 1 colours are multiplied by it, 2 they are not. */
+static size_t tiff_alpha(char *out, int width, int height, int channels, int photometric,
+                         int orientation, int alpha)
 {
     const int entries[][3] = {/* tag, type (3 short, 4 long), value */
-                              {256, 3, width},
-                              {257, 3, height},
-                              {258, 3, 8},
-                              {259, 3, 1},
-                              {262, 3, photometric},
-                              {273, 4, 0},
-                              {274, 3, orientation},
-                              {277, 3, channels},
-                              {278, 3, height},
-                              {279, 4, width * height * channels},
-                              {338, 3, 0}};
-    const int count = 10; /* the last is not used */
+                              {256, 3, width},       {257, 3, height},
+                              {258, 3, 8},           {259, 3, 1},
+                              {262, 3, photometric}, {273, 4, 0},
+                              {274, 3, orientation}, {277, 3, channels},
+                              {278, 3, height},      {279, 4, width * height * channels},
+                              {338, 3, alpha}};
+    const int count = alpha ? 11 : 10;
     const int data = 8 + 2 + 12 * count + 4;
     memset(out, 0, (size_t)data);
     memcpy(out, "II*\0\10\0\0\0", 8);
@@ -147,6 +144,26 @@ static size_t tiff(char *out, int width, int height, int channels, int photometr
     for (int i = 0; i < width * height * channels; i++)
         out[data + i] = (char)(i * 20);
     return (size_t)(data + width * height * channels);
+}
+
+static size_t tiff(char *out, int width, int height, int channels, int photometric, int orientation)
+{
+    return tiff_alpha(out, width, height, channels, photometric, orientation, 0);
+}
+
+/* Colours that a TIFF stores multiplied by alpha are divided. */
+static void test_alpha_is_straight(void **state)
+{
+    char path[128], bytes[512];
+    static const double divided[4] = {0, 20.0 / 60, 40.0 / 60, 60.0 / 255};
+    for (int alpha = 1; alpha <= 2; alpha++) {
+        put(name_of(state, "alpha.tif", path), bytes, tiff_alpha(bytes, 1, 1, 4, 2, 1, alpha));
+        lf_image *image = read_good(path);
+        assert_int_equal(image->channels, 4);
+        for (int c = 0; c < 4; c++)
+            assert_close(image->pixel[c], alpha == 1 ? divided[c] : c * 20.0 / 255, 0, 1e-6);
+        lf_image_free(image);
+    }
 }
 
 /* Orientation 6: the stored first row is the right column of the upright picture. */
@@ -300,11 +317,17 @@ static void test_text(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_round_trip),    cmocka_unit_test(test_values_are_cut),
-        cmocka_unit_test(test_other_formats), cmocka_unit_test(test_orientation),
-        cmocka_unit_test(test_bad_files),     cmocka_unit_test(test_cut_png),
-        cmocka_unit_test(test_bad_writes),    cmocka_unit_test(test_over_white),
-        cmocka_unit_test(test_paste),         cmocka_unit_test(test_text),
+        cmocka_unit_test(test_round_trip),
+        cmocka_unit_test(test_values_are_cut),
+        cmocka_unit_test(test_other_formats),
+        cmocka_unit_test(test_orientation),
+        cmocka_unit_test(test_bad_files),
+        cmocka_unit_test(test_cut_png),
+        cmocka_unit_test(test_bad_writes),
+        cmocka_unit_test(test_over_white),
+        cmocka_unit_test(test_paste),
+        cmocka_unit_test(test_text),
+        cmocka_unit_test(test_alpha_is_straight),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -5,9 +5,7 @@
 #include <time.h>
 
 #include "autograd/ops.h"
-#include "models/recon_work.h"
-#include "tests/close.h"
-#include "tests/recon_net.h"
+#include "tests/recon_scene.h"
 
 static double now(void)
 {
@@ -226,114 +224,115 @@ static void test_team(void **state)
     lf_profile_free(profile);
 }
 
-/* ---- a step of the reconstruction model ---- */
+/* ---- a step of the reconstruction models ---- */
 
-enum { V = 8, Q = 40, SIZE = 33, CHANNELS = 2, PIXELS = V * SIZE * SIZE * CHANNELS, TILE = 16 };
-
-typedef struct batch {
-    lf_real image[PIXELS];
-    float sdf[Q];
-    double uv[2 * Q * V], direction[3 * Q * V], distance[Q * V];
-    uint8_t mask[Q * V];
-    long first[Q];
-} batch;
-
-static batch *make_batch(void)
-{
-    batch *b = calloc(1, sizeof *b);
-    assert_non_null(b);
-    lf_stream r = lf_stream_at(5, LF_RANDOM_TEST, 80, 0);
-    for (int i = 0; i < PIXELS; i++)
-        b->image[i] = (lf_real)lf_uniform(&r);
-    for (int i = 0; i < Q * V; i++) {
-        const double angle = 6.28 * lf_uniform(&r);
-        b->direction[3 * i] = cos(angle);
-        b->direction[3 * i + 1] = sin(angle);
-        b->uv[2 * i] = (SIZE - 1) * lf_uniform(&r);
-        b->uv[2 * i + 1] = (SIZE - 1) * lf_uniform(&r);
-        b->distance[i] = 2.5;
-        b->mask[i] = 1;
-    }
-    for (int q = 0; q < Q; q++)
-        b->sdf[q] = (float)(0.2 * (lf_uniform(&r) - 0.5));
-    return b;
-}
+enum { TILE = 16 };
 
 /* Loss; gradients stay in the store. */
-static double step(const net *n, const batch *b, lf_profile *profile)
+static double watched_step(const net *n, const sight *t, const scene *s, lf_profile *profile)
 {
-    const lf_recon_points p = {Q, V, b->uv, b->direction, b->distance, b->mask, b->first};
-    const lf_sdf_loss_config loss = {10, 0.1, 0.01, 4};
     lf_recon_work *work = lf_recon_work_create(&n->model, TILE);
     lf_recon_work_watch(work, profile);
-    const double value = lf_recon_step(work, V, b->image, &p, b->sdf, &loss);
+    const double loss = lf_recon_step(work, &t->images, &t->points, s->sdf, &loss_config);
     lf_recon_work_free(work);
-    return value;
+    return loss;
 }
 
-static void check_products(const net *n, const lf_profile *profile)
+static void check_images(const net *n, const lf_profile_row *row, int count)
 {
     const lf_recon_config *c = &n->model.config;
     const lf_unit *stem = &n->model.backbone.stem;
     const double images = V * lf_backbone_macs(&n->model.backbone, SIZE, SIZE).macs;
-    const double sampled = 4.0 * Q * V * (double)lf_recon_sampled(&n->model);
-    const double f = (double)n->model.feature_count;
-    lf_profile_row *row;
-    const int count = lf_profile_rows(profile, LF_BY_OP, &row);
-    const lf_profile_row *conv = find(row, count, "", "conv2d");
-    assert_true(conv->products[0] == images);
     const double edge = (SIZE + 1) / 2, size = (double)stem->steerable.basis.size;
     const double first = V * edge * edge * size * size * CHANNELS * 8 * c->backbone.stem_fields;
+    const lf_profile_row *conv = find(row, count, "", "conv2d");
+    assert_true(conv->products[0] == images);
     assert_true(conv->products[1] == 2 * images - first); /* images want no gradient */
+    const double sampled = 4.0 * Q * V * (double)n->model.feature_count;
     const lf_profile_row *samples = find(row, count, "", "sample_maps");
     assert_true(samples->products[0] == sampled);
     assert_true(samples->products[1] == sampled - 4.0 * Q * V * (c->sample_image ? CHANNELS : 0));
-    assert_true(find(row, count, "", "ray_moments")->products[0] == 4.0 * Q * V * f);
+}
+
+/* The paper's network: all products of a point but those of sampling. */
+static void check_points(const net *n, const lf_profile_row *row, int count)
+{
+    const lf_recon_cost cost = lf_recon_costs(&n->model, V);
+    const double sampled = 4.0 * V * (double)n->model.feature_count;
     const lf_profile_row *linear = find(row, count, "", "linear");
     const lf_profile_row *attention = find(row, count, "", "ray_attention");
-    assert_true(linear->products[0] + attention->products[0] ==
-                lf_recon_macs(&n->model, V, Q, V) - images - 4.0 * Q * V * f);
+    assert_true(linear->products[0] + attention->products[0] == Q * (cost.point - sampled));
     assert_true(linear->products[1] == 2 * linear->products[0]);
     assert_true(attention->products[1] == 2 * attention->products[0]);
-    assert_int_equal(attention->calls, c->blocks * ((Q + TILE - 1) / TILE));
+    assert_int_equal(attention->calls, n->model.config.blocks * ((Q + TILE - 1) / TILE));
+    assert_true(find(row, count, "", "ray_moments")->products[0] == Q * sampled);
+}
+
+static void check_network(const net *n, const lf_profile *profile)
+{
+    static const char *const scopes[] = {
+        "backbone/stem", "backbone/stage2",  "backbone/heads", "samples", "ray convolution",
+        "block0/rays",   "block0/attention", "head",           "loss",    LF_SCOPE_TEAM};
+    lf_profile_row *row;
+    int count = lf_profile_rows(profile, LF_BY_OP, &row);
+    check_images(n, row, count);
+    check_points(n, row, count);
     free(row);
+    count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
+    for (size_t i = 0; i < sizeof scopes / sizeof *scopes; i++)
+        find(row, count, scopes[i], NULL);
+    free(row);
+}
+
+/* Of any network: the same bits, the same products, with any number of threads; no op outside its
+ * parts. */
+static void check_steps(const char *more, bool papers)
+{
+    net n;
+    sight t;
+    open_net(&n, more);
+    scene *s = make_scene();
+    open_sight(&t, &n.model, s);
+    const int most = omp_get_max_threads();
+    const size_t size = (size_t)lf_store_size(n.store) * sizeof(lf_real);
+    lf_real *gradient = malloc(size);
+    assert_non_null(gradient);
+    const double loss = watched_step(&n, &t, s, NULL);
+    memcpy(gradient, lf_store_grads(n.store), size);
+    double products = 0;
+    for (int threads = 1; threads <= 3; threads += 2) {
+        lf_profile *profile = lf_profile_create();
+        omp_set_num_threads(threads);
+        assert_true(watched_step(&n, &t, s, profile) == loss);
+        assert_memory_equal(gradient, lf_store_grads(n.store), size);
+        lf_profile_row *row;
+        const int count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
+        for (int i = 0; i < count; i++)
+            assert_true(row[i].scope[0]);
+        const lf_profile_row all = sum(row, count);
+        assert_true(threads == 1 || all.products[0] == products);
+        products = all.products[0];
+        free(row);
+        if (papers)
+            check_network(&n, profile);
+        lf_profile_free(profile);
+    }
+    omp_set_num_threads(most);
+    free(gradient);
+    close_sight(&t);
+    free(s);
+    close_net(&n);
 }
 
 static void test_reconstruction(void **state)
 {
     (void)state;
-    net n;
-    open_net(&n, NULL);
-    batch *b = make_batch();
-    const int most = omp_get_max_threads();
-    const size_t size = (size_t)lf_store_size(n.store) * sizeof(lf_real);
-    lf_real *gradient = malloc(size);
-    assert_non_null(gradient);
-    const double loss = step(&n, b, NULL);
-    memcpy(gradient, lf_store_grads(n.store), size);
-    for (int threads = 1; threads <= 3; threads += 2) {
-        lf_profile *profile = lf_profile_create();
-        omp_set_num_threads(threads);
-        assert_true(step(&n, b, profile) == loss);
-        assert_memory_equal(gradient, lf_store_grads(n.store), size);
-        check_products(&n, profile);
-        lf_profile_row *row;
-        const int count = lf_profile_rows(profile, LF_BY_SCOPE, &row);
-        static const char *const scopes[] = {
-            "backbone/stem", "backbone/stage2",  "backbone/heads", "samples", "ray convolution",
-            "block0/rays",   "block0/attention", "readout",        "loss",    "lanes",
-            LF_SCOPE_TEAM};
-        for (size_t i = 0; i < sizeof scopes / sizeof *scopes; i++)
-            find(row, count, scopes[i], NULL);
-        for (int i = 0; i < count; i++)
-            assert_true(row[i].scope[0]); /* no op outside all parts */
-        free(row);
-        lf_profile_free(profile);
-    }
-    omp_set_num_threads(most);
-    free(gradient);
-    free(b);
-    close_net(&n);
+    check_steps(NULL, true);
+    check_steps("model.degree2=true;model.nonlinearity=gated", false);
+    check_steps("model.fusion=max-pool", false);
+    check_steps("model.type=disn", false);
+    check_steps("model.type=fvor", false);
+    check_steps("model.type=ibrnet-sdf", false);
 }
 
 int main(void)

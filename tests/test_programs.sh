@@ -51,8 +51,8 @@ expect 2 '--threads many: give a number from 1' "$train" tiny.ini --threads many
 expect 2 '--threads 0: give a number from 1' "$eval" --threads 0
 expect 2 '--profile 0: give a number from 1' "$train" tiny.ini --profile 0
 expect 2 '--profile many: give a number from 1' "$train" tiny.ini --profile=many
-expect 2 '--profile-json p: only with --profile' "$train" tiny.ini --profile-json p
-expect 2 'writes no run; leave --out out' "$train" tiny.ini --profile --out none
+expect 2 '--out none: --profile writes no run' "$train" tiny.ini --profile --out none
+expect 2 '--count trains nothing' "$train" tiny.ini --count --profile
 expect 2 'nonsense is not a job' "$eval" nonsense
 expect 2 '--split all: give train, val or test' "$eval" --checkpoint x --split all
 expect 2 '--shapes 0: give a number' "$eval" --checkpoint x --shapes 0
@@ -64,6 +64,15 @@ for program in "$train" "$eval"; do
     [ -s err ] && fail "--version prints to standard error"
 done
 expect 0 'longest edge' "$eval" --help # the definitions of the metrics
+# every option that a program takes stands in its help
+for program in train eval; do
+    options=$(grep -hoE '\{"[a-z-]+", (no|required|optional)_argument' "$source/$program/"*.c | cut -d '"' -f 2)
+    [ "$(echo "$options" | wc -l)" -ge 10 ] || fail "options of elf-$program are not found"
+    "${!program}" --help >out 2>err
+    for option in $options; do
+        grep -Eq -- "--$option([^a-z-]|\$)" out || fail "elf-$program --help lacks --$option"
+    done
+done
 
 ### Configs
 
@@ -97,12 +106,23 @@ done
 
 ### A profile
 
-expect 0 '^block0/rays +[0-9.]+ +[0-9.]+ ' "$train" tiny.ini --profile 2 --profile-json p.json
+expect 0 '^block0/rays +[0-9.]+ +[0-9.]+ ' "$train" tiny.ini --profile 2 --json p.json
 for key in model threads limit_gflops step tape_mb parts ops parts_and_ops forward_ms limit_share mb; do
     grep -q "\"$key\":" p.json || fail "no $key in a profile"
 done
 grep -q '"part": "backbone/stage2"' p.json && grep -q '"op": "conv2d"' p.json || fail "no parts or ops in a profile"
 [ -e runs ] && fail "a profile leaves a run folder"
+
+### Counting
+
+expect 0 'GFLOP|MFLOP' "$train" tiny.ini --count --json count.json
+grep -q '"flop_forward":' count.json || fail "no operations in the JSON of --count"
+[ -e runs ] && fail "--count makes a run folder"
+expect 2 '--json means nothing without --count' "$train" tiny.ini --json x.json
+expect 2 '--count trains nothing' "$train" tiny.ini --count --out none
+expect 2 '--count trains nothing' "$train" --count --resume none
+expect 2 'fields' "$train" tiny.ini --count --set model.fields=1,2,3
+expect 2 'nowhere' "$train" tiny.ini --count --json nowhere/x.json
 
 ### A run and its evaluation
 
@@ -131,10 +151,19 @@ expect 2 'nothere\.ply' "$eval" compare-meshes "$truth" nothere.ply
 expect 2 'tiny\.ini' "$eval" compare-meshes "$truth" tiny.ini
 expect 0 'signed distance' "$eval" --checkpoint "$(checkpoint run 6)" --check-equivariance 1 --shapes 1 --json q.json
 cp run/metrics.jsonl before.jsonl
-expect 0 '^readout' "$train" --profile 1 --resume run --set train.lr=1e-3
+expect 0 '^head ' "$train" --profile 1 --resume run --set train.lr=1e-3
 cmp before.jsonl run/metrics.jsonl || fail "a profile writes to the run that it starts from"
 grep -q '"quarter":' q.json || fail "no quarter turns in the report on equivariance"
 expect 2 'setting' "$eval" --checkpoint run --setting X
+for keys in model.backbone=plain,model.plain_channels=3 model.fusion=max-pool model.vectors=0 model.type=ibrnet-sdf \
+    model.type=ibrnet-sdf,model.backbone=plain; do
+    sets="--set ${keys//,/ --set }"
+    expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out other --threads 1 $sets
+    expect 0 'IoU over 1000 points' "$eval" --checkpoint other --threads 1 --setting Z
+    expect 0 'signed distance' "$eval" --checkpoint other --threads 1 --check-equivariance 1 --shapes 1
+    expect 2 'another model|shape|has not|lacks|missing' "$eval" --checkpoint run $sets
+    rm -r other
+done
 expect 2 'data\.val_shapes' "$eval" --checkpoint run --split val # the config has none
 expect 2 'tiny\.ini: is no folder' "$eval" --checkpoint run --out tiny.ini
 expect 2 'cannot make the folder' "$eval" --checkpoint run --out tiny.ini/there
@@ -188,6 +217,27 @@ cp cut.safetensors "$(checkpoint damaged 6)"
 expect 0 'passed over' "$eval" --checkpoint damaged --shapes 1
 expect 0 'passed over' "$train" --resume damaged
 $same "$(checkpoint damaged 6)" "$good" >out || fail "a run resumed over a damaged checkpoint ends otherwise"
+
+### The compared systems
+
+for type in disn fvor; do
+    other=$([ $type = disn ] && echo fvor || echo disn)
+    expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out $type --set model.type=$type --set model.backbone=plain \
+        --set model.grid=9
+    expect 0 "reconstruction $type" "$eval" --checkpoint $type --setting SO3 --json $type.json --out $type.meshes
+    grep -q "\"model\": \"$type\"" $type.json || fail "the report does not name $type: $(cat $type.json)"
+    expect 0 'features of the object' "$eval" --checkpoint $type --check-equivariance 1 --shapes 1
+    for wrong in $other equivariant; do
+        expect 2 "$type/checkpoints/step-00000006.safetensors.*another model" "$eval" --checkpoint $type \
+            --set model.type=$wrong
+        expect 2 'another model|no array|shape' "$train" --resume $type --out other --set model.type=$wrong
+    done
+    [ -e other ] && fail "a checkpoint of another system leaves a run folder"
+done
+expect 2 'model\.grid = 8: .*multiple of 4, plus 1' "$train" tiny.ini --out none --set model.type=fvor --set model.grid=8
+expect 2 'would keep at least .* model\.grid' "$train" tiny.ini --out none --set model.type=fvor --set model.grid=257 \
+    --set train.shapes_per_step=64
+expect 0 'step 1' "$train" tiny.ini --out long --set model.type=disn --set model.point=1,1,1,1,1,1,1,1 --set train.steps=1
 
 ### Data
 

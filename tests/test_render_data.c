@@ -1,6 +1,6 @@
 /* test_render_data.c: target rays and sources of a scene in any frame, and the batches of a
  * training. */
-#include "tests/close.h"
+#include "tests/scene_fixture.h"
 #include "train/render_data.h"
 
 enum { SIZE = 24, SOURCES = 4 };
@@ -39,18 +39,16 @@ static lf_scene_set *scenes; /* glossy, diffuse, forward */
 
 static int open_all(void **state)
 {
-    (void)state;
     cfg = config(NULL);
     scenes = open_scenes(cfg, "train");
-    return 0;
+    return set_up(state);
 }
 
 static int close_all(void **state)
 {
-    (void)state;
     lf_scene_set_close(scenes);
     lf_config_free(cfg);
-    return 0;
+    return tear_down(state);
 }
 
 /* ---- a view in a frame ---- */
@@ -195,6 +193,62 @@ static void far_from_the_origin_renders_the_same(void **state)
     lf_store_free(store);
 }
 
+/* ---- hard scenes ---- */
+
+/* A forward-facing scene of 16 views in root/name as LLFF, near 0 in its file. */
+static void put_near_0(void **state, const char *name)
+{
+    char path[512];
+    lf_scene_make_options o = lf_scene_make_defaults();
+    lf_scene *scene = NULL;
+    o.kind = LF_KIND_FORWARD;
+    o.size = SIZE;
+    o.rays = 1;
+    o.train_views = 16;
+    o.test_views = 0;
+    assert_int_equal(lf_scene_make(&o, &scene, NULL), LF_OK);
+    for (long v = 0; v < scene->views; v++)
+        scene->view[v].near = 0;
+    assert_int_equal(lf_scene_write(scene, LF_LAYOUT_LLFF, place(state, name, path), NULL), LF_OK);
+    lf_scene_close(scene);
+}
+
+static void a_scene_with_near_0_is_rendered(void **state)
+{
+    char set[600];
+    put_near_0(state, "near0");
+    snprintf(set, sizeof set, "data.scenes=%s/near0", (char *)*state);
+    lf_config *other = config(set);
+    assert_int_equal(lf_config_set(other, "data.builtin_scenes=0", NULL), LF_OK);
+    lf_scene_set *zero = open_scenes(other, "train");
+    const lf_scene_entry *e = &zero->entry[0];
+    assert_true(e->scene->view[0].near == 0 && e->near_raised);
+    assert_true(e->near > 0 && e->near < e->far);
+    const lf_renderer_config c = lf_renderer_config_from(other);
+    lf_store *store = lf_store_create(3);
+    lf_renderer model;
+    lf_renderer_init(&model, store, &c);
+    lf_render_work *work = lf_render_work_create(&model, 4);
+    lf_render_view v = open_view(e, e->view[LF_SPLIT_TEST][0], NULL);
+    lf_pixel_rays r = lf_pixel_rays_create(&v, PIXELS, some_pixels);
+    float number[PIXELS * 5];
+    lf_ray_image x = {number, number + 3 * PIXELS, number + 4 * PIXELS, 0};
+    const lf_render_savings none = lf_render_savings_none();
+    lf_render_encode(work, v.sources, v.source);
+    lf_render_rays(work, &r.rays, e->white, &none, &x);
+    for (int i = 0; i < 5 * PIXELS; i++)
+        assert_true(isfinite(number[i]));
+    for (int i = 0; i < PIXELS; i++)
+        assert_true((double)x.depth[i] > v.near * 0.99999 && (double)x.depth[i] < v.far * 1.00001);
+    lf_pixel_rays_free(&r);
+    lf_render_view_release(&v);
+    lf_render_work_free(work);
+    lf_renderer_free(&model);
+    lf_store_free(store);
+    lf_scene_set_close(zero);
+    lf_config_free(other);
+}
+
 static void the_target_is_no_source_of_itself(void **state)
 {
     (void)state;
@@ -266,8 +320,47 @@ static void splits_of_a_config(void **state)
     assert_true(count == 5 && target == set->entry[0].view[LF_SPLIT_TEST]);
     target = lf_render_targets(&set->entry[0], "val", &count); /* there is no such view */
     assert_true(count == 35 && target == set->entry[0].view[LF_SPLIT_TRAIN]);
+    assert_string_equal(lf_render_split(&set->entry[0], "val"), "train");
+    assert_string_equal(lf_render_split(&set->entry[0], "test"), "test");
+    assert_string_equal(lf_render_split_name("test", 5, 0), "test");
+    assert_string_equal(lf_render_split_name("test", 5, 2), "test, train");
+    assert_string_equal(lf_render_split_name("val", 5, 5), "train");
+    assert_string_equal(lf_render_split_name("train", 5, 5), "train");
     lf_scene_set_close(set);
     lf_config_free(other);
+}
+
+/* What built-in scenes take is known before they are made. */
+static void built_in_scenes_fit_the_cache(void **state)
+{
+    (void)state;
+    static const char *const kinds[] = {"data.kinds=all", "data.kinds=objects",
+                                        "data.kinds=forward"};
+    for (int k = 0; k < 3; k++) {
+        const lf_scene_set_options o = {
+            .builtin = 3,
+            .kinds = k == 0   ? LF_KINDS_ALL
+                     : k == 1 ? LF_KINDS_OBJECTS
+                              : LF_KINDS_FORWARD,
+            .size = 24,
+        };
+        lf_config *other = config(kinds[k]);
+        lf_scene_set *set = open_scenes(other, "train");
+        double bytes = 0;
+        for (long i = 0; i < set->count; i++)
+            bytes += (double)lf_scene_bytes(set->entry[i].scene);
+        assert_true(bytes == lf_scene_set_builtin_bytes(&o));
+        lf_scene_set_close(set);
+        lf_config_free(other);
+    }
+    lf_config *much = config("data.builtin_scenes=5000");
+    lf_scene_set *set = NULL;
+    lf_error err = {""};
+    assert_int_equal(lf_render_scenes(much, "train", NULL, NULL, &set, &err), LF_BAD_INPUT);
+    assert_null(set);
+    assert_non_null(strstr(err.text, "data.builtin_scenes = 5000"));
+    assert_non_null(strstr(err.text, "data.cache_mb = 50"));
+    lf_config_free(much);
 }
 
 /* ---- batches ---- */
@@ -397,10 +490,12 @@ int main(void)
         cmocka_unit_test(a_moved_frame_shows_the_same),
         cmocka_unit_test(sources_project_as_their_cameras),
         cmocka_unit_test(far_from_the_origin_renders_the_same),
+        cmocka_unit_test(a_scene_with_near_0_is_rendered),
         cmocka_unit_test(the_target_is_no_source_of_itself),
         cmocka_unit_test(any_camera_can_be_a_target),
         cmocka_unit_test(more_sources_than_views),
         cmocka_unit_test(splits_of_a_config),
+        cmocka_unit_test(built_in_scenes_fit_the_cache),
         cmocka_unit_test(a_batch_is_a_function_of_seed_and_step),
         cmocka_unit_test(white_pixels_come_last),
         cmocka_unit_test(colours_are_those_of_the_pixels),

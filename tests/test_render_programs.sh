@@ -64,6 +64,8 @@ for type in renderer ibrnet; do
 done
 [ -e runs ] && fail "a profile leaves a run folder"
 expect 0 'validation loss' "$train" tiny.ini --out whole
+expect 0 'validation: on training views of 2 scenes of 2' "$train" tiny.ini --out said
+grep -q '"val_split": *"train"' whole/metrics.jsonl || fail "metrics do not say what is validated on"
 expect 0 '3/3' "$train" tiny.ini --out half --set train.steps=3
 expect 0 'resuming' "$train" --resume half --set train.steps=6 --threads 1
 # the schedule knows the number of steps, so a run of 3 steps is another run
@@ -88,6 +90,15 @@ for type in ibrnet renderer; do
         --set render.fine_samples=3 --set data.scenes="scenes/llff, forward" --set data.builtin_scenes=1
 done
 
+for keys in render.along_ray=false render.types=0; do # ablations
+    expect 0 'parameters' "$train" tiny.ini --out less --threads 1 --set $keys --set train.steps=3
+    expect 0 'SO3' "$eval" --checkpoint less --setting SO3 --views 1 --no-baselines --json less.json
+    awk '/"pixel_variance": [0-9]/ { gsub(",", ""); if ($2 > 1e-4) bad = 1; seen = 1 }
+         END { exit bad || !seen }' less.json || fail "the renderer with $keys varies with the frame"
+    expect 2 'another model|shape|has not|missing' "$eval" --checkpoint whole --set $keys
+    rm -r less
+done
+
 ### Scores, turned frames, paths
 
 expect 0 'mean over scenes' "$eval" --checkpoint whole --out views --json report.json
@@ -95,10 +106,27 @@ grep -q '"mean_over_scenes"' report.json || fail "no means in the report"
 is_png views/"$(ls views | grep -m1 rendered)" 24 24
 [ -s views/montage.png ] || fail "no montage"
 expect 0 'SO3' "$eval" --checkpoint renderer --setting SO3 --views 1 --no-baselines --json turned.json
+# scenes from files are described; what has no test views is scored, and reported, on training views
+expect 0 'scenes/llff: 14 \+ 0 \+ 2 views' "$eval" --checkpoint renderer --views 1 --no-baselines \
+    --set data.test_builtin=0 --json held.json
+grep -q '"split": "test"' held.json || fail "the report of test views does not say test"
+expect 0 '2 scenes of 2 have no test views' "$eval" --checkpoint renderer --views 1 --no-baselines \
+    --set data.test_scenes="scenes/llff, forward" --set data.test_builtin=0 --set data.hold_out=0 --json held.json
+grep -q '"split": "train"' held.json || fail "the report of training views says test"
+expect 0 'split test, train' "$eval" --checkpoint renderer --views 1 --no-baselines \
+    --set data.test_scenes="scenes/llff" --set data.test_builtin=1 --set data.hold_out=0
+# scenes of one name are two scenes, and their files do not overwrite each other
+mkdir a b && cp -r scenes/llff a/room && cp -r scenes/llff b/room
+expect 0 '^b-room +mean of 1' "$eval" --checkpoint renderer --views 1 --no-baselines --out rooms \
+    --set data.test_scenes="a/room, b/room" --set data.test_builtin=0
+for room in a-room b-room; do
+    ls rooms/$room-*-rendered.png >out 2>err || fail "no picture of $room"
+done
 awk '/"pixel_variance": [0-9]/ { gsub(",", ""); if ($2 > 1e-4) bad = 1; seen = 1 }
      END { exit bad || !seen }' turned.json || fail "the equivariant renderer varies with the frame"
 expect 0 'SO3' "$eval" --checkpoint ibrnet --setting SO3 --views 1 --no-baselines
 expect 0 'colour moves' "$eval" --checkpoint renderer --check-equivariance 3 --shapes 1 --json moved.json
+grep -q '"experiment": "rendering equivariance"' moved.json || fail "moved.json does not say what it is"
 grep -q '"pixel_variance"' moved.json || fail "--check-equivariance writes no JSON"
 for path in orbit spiral; do
     expect 0 'ffmpeg' "$eval" --checkpoint whole --path $path --frames 2 --out $path \
@@ -126,6 +154,7 @@ expect 2 'tiny\.ini' "$train" tiny.ini --out none --set data.scenes=tiny.ini
 expect 2 'number 2 is 0' "$train" tiny.ini --out none --set render.types=0,0
 expect 2 'first' "$train" tiny.ini --out none --set render.types=1,2
 expect 2 'render\.heads' "$train" tiny.ini --out none --set render.heads=3
+expect 2 'data\.setting = Z' "$train" tiny.ini --out none --set data.setting=Z
 expect 2 'train\.pool' "$train" tiny.ini --out none --set train.pool=50,20
 expect 2 'mesh' "$train" tiny.ini --out none --set data.scene_meshes="$here/scenes"
 mkdir two && cp -r scenes/nerf-synthetic two/one

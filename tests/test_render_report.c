@@ -27,9 +27,9 @@ static lf_render_report example(void)
                           .samples = 24,
                           .peak_rss_mb = 12.5};
     const lf_render_figures f[] = {figures(20, 1e-9), figures(30, 3e-9), figures(24, NAN)};
-    lf_render_report_add(&r, "fern", "image000", &f[0]);
-    lf_render_report_add(&r, "box", "caf\xe9", &f[1]); /* not UTF-8 */
-    lf_render_report_add(&r, "fern", "image008", &f[2]);
+    lf_render_report_add(&r, 0, "fern", "image000", &f[0]);
+    lf_render_report_add(&r, 7, "box", "caf\xe9", &f[1]); /* not UTF-8 */
+    lf_render_report_add(&r, 0, "fern", "image008", &f[2]);
     return r;
 }
 
@@ -37,19 +37,34 @@ static void means(void **state)
 {
     (void)state;
     lf_render_report r = example();
-    assert_string_equal(lf_render_report_new_scene(&r, 1), "box");
-    assert_null(lf_render_report_new_scene(&r, 2));
-    assert_close(lf_render_report_mean(&r, "fern").psnr, 22, 1e-12, 0);
-    assert_close(lf_render_report_mean(&r, NULL).psnr, 74.0 / 3, 1e-12, 0);
+    assert_true(lf_render_report_new_scene(&r, 1));
+    assert_false(lf_render_report_new_scene(&r, 2));
+    assert_close(lf_render_report_mean(&r, 0).psnr, 22, 1e-12, 0);
+    assert_close(lf_render_report_mean(&r, -1).psnr, 74.0 / 3, 1e-12, 0);
     assert_close(lf_render_report_scene_mean(&r).psnr, 26, 1e-12, 0);
     assert_close(lf_render_report_scene_mean(&r).baseline[LF_BASELINE_COPY], 22, 1e-12, 0);
     assert_close(lf_render_report_scene_mean(&r).rows, 1000, 1e-12, 0);
-    assert_close(lf_render_report_mean(&r, "box").pixel_variance, 3e-9, 1e-12, 0);
-    assert_true(isnan(lf_render_report_mean(&r, "fern").pixel_variance)); /* one lacks it */
+    assert_close(lf_render_report_mean(&r, 7).pixel_variance, 3e-9, 1e-12, 0);
+    assert_true(isnan(lf_render_report_mean(&r, 0).pixel_variance)); /* one lacks it */
     assert_true(isnan(lf_render_report_scene_mean(&r).lpips));
-    assert_true(isnan(lf_render_report_mean(&r, "none").psnr));
+    assert_true(isnan(lf_render_report_mean(&r, 3).psnr));
     lf_render_report_clear(&r);
     assert_true(isnan(lf_render_report_scene_mean(&r).psnr));
+}
+
+/* Two scenes of one name are two scenes. */
+static void scenes_are_told_apart_by_number(void **state)
+{
+    (void)state;
+    lf_render_report r = {0};
+    const lf_render_figures f[] = {figures(20, NAN), figures(30, NAN), figures(28, NAN)};
+    lf_render_report_add(&r, 0, "chair", "a", &f[0]);
+    lf_render_report_add(&r, 1, "chair", "a", &f[1]);
+    lf_render_report_add(&r, 1, "chair", "b", &f[2]);
+    assert_true(lf_render_report_new_scene(&r, 1));
+    assert_close(lf_render_report_mean(&r, 1).psnr, 29, 1e-12, 0);
+    assert_close(lf_render_report_scene_mean(&r).psnr, 24.5, 1e-12, 0);
+    lf_render_report_clear(&r);
 }
 
 static double number(const json_t *json, const char *key)
@@ -147,6 +162,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(means),
+        cmocka_unit_test(scenes_are_told_apart_by_number),
         cmocka_unit_test_setup_teardown(report_has_its_keys, set_up, tear_down),
         cmocka_unit_test(table_is_printed),
         cmocka_unit_test(bad_folder_is_refused),

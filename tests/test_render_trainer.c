@@ -330,19 +330,6 @@ static void scenes_from_files_train_too(void **state)
                (lf_train_options){.check_finite = true});
 }
 
-/* Rays that no two views see often enough: steps of loss 0 that change nothing but by decay. */
-static void steps_in_which_no_ray_counts(void **state)
-{
-    (void)state;
-    double loss[LINES];
-    train_well("blind", SETS("train.seen_samples=8", "train.steps=6", "data.val_shapes=0"),
-               (lf_train_options){.check_finite = true});
-    const int n = metrics("blind", "loss", loss);
-    assert_true(n >= 3);
-    for (int i = 0; i < n; i++)
-        assert_true(loss[i] == 0);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -356,7 +343,6 @@ int main(void)
         cmocka_unit_test(bad_validation_scenes),
         cmocka_unit_test(pictures_too_small),
         cmocka_unit_test(scenes_from_files_train_too),
-        cmocka_unit_test(steps_in_which_no_ray_counts),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

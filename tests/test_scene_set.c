@@ -2,6 +2,7 @@
  * depths, its views; lists of folders and numbers of built-in scenes; messages. */
 #include <limits.h>
 
+#include "datasets/scene_bounds.h"
 #include "datasets/scene_make_internal.h"
 #include "datasets/scene_set.h"
 #include "tests/scene_fixture.h"
@@ -112,6 +113,81 @@ static void bounds_enclose_the_outlines(void **state)
         assert_true(covered > 1000);
     }
     lf_scene_set_close(set);
+}
+
+enum { WIDE = 600, WIDE_VIEWS = 6 };
+
+static double apart(const double a[3], const double b[3])
+{
+    return hypot(hypot(a[0] - b[0], a[1] - b[1]), a[2] - b[2]);
+}
+
+/* Cameras on the axes, with a lens of 2 x 76 degrees, see two dots on white, each of
+ * one pixel. */
+static lf_scene *wide_scene(double (*dot)[3])
+{
+    static uint8_t rgb[WIDE * WIDE * 3], alpha[WIDE * WIDE];
+    lf_scene *scene = lf_scene_create("wide");
+    memset(rgb, 255, sizeof rgb);
+    for (int v = 0; v < WIDE_VIEWS; v++) {
+        double centre[3] = {v / 2 == 0 ? 4 : 0, v / 2 == 1 ? 4 : 0, v / 2 == 2 ? 4 : 0};
+        const double target[3] = {0, 0, 0};
+        if (v % 2)
+            for (int i = 0; i < 3; i++)
+                centre[i] = -centre[i];
+        lf_camera c = lf_camera_look_at(centre, target, 0.3, WIDE);
+        c.fx = c.fy = 0.125 * WIDE;
+        memset(alpha, 0, sizeof alpha);
+        for (int d = 0; d < 2; d++) {
+            double uv[2], depth;
+            if (lf_camera_project(&c, dot[d], 0.1, uv, &depth) &&
+                fabs(uv[0] - c.cx) < WIDE / 2 - 1 && fabs(uv[1] - c.cy) < WIDE / 2 - 1)
+                alpha[lround(uv[1]) * WIDE + lround(uv[0])] = 255;
+        }
+        char name[8];
+        snprintf(name, sizeof name, "%d", v);
+        lf_scene_add(scene, name, &c, 1, 9, LF_SPLIT_TRAIN, rgb, alpha);
+    }
+    return scene;
+}
+
+/* Cells whose balls hold a dot are kept, so the bounds have them inside. */
+static void check_bounds(double (*dot)[3])
+{
+    const double edge = 1.4 * 4 / 48, ball = 0.8661 * edge; /* of the grid in scene_bounds.c */
+    long views[WIDE_VIEWS] = {0, 1, 2, 3, 4, 5}, held = 0;
+    lf_scene_entry e = {.scene = wide_scene(dot)};
+    e.count[LF_SPLIT_TRAIN] = WIDE_VIEWS;
+    e.view[LF_SPLIT_TRAIN] = views;
+    assert_int_equal(lf_entry_find_bounds(&e, NULL), LF_OK);
+    for (long c = 0; c < 48L * 48 * 48; c++) {
+        const long at[3] = {c / 48 / 48, c / 48 % 48, c % 48};
+        double p[3];
+        for (int a = 0; a < 3; a++)
+            p[a] = ((double)at[a] - 23.5) * edge;
+        if (apart(p, dot[0]) > 0.999 * ball && apart(p, dot[1]) > 0.999 * ball)
+            continue;
+        held++;
+        assert_true(apart(p, e.centre) <= e.radius - ball + 1e-9);
+    }
+    assert_true(held > 2);
+    lf_scene_close(e.scene);
+}
+
+/* The ball round a cell reaches further off the axis of a wide lens: without that, cells of each of
+ * these dots would be lost. */
+static void bounds_of_a_wide_lens(void **state)
+{
+    (void)state;
+    for (uint64_t k = 7; k < 10; k++) {
+        double dot[2][3];
+        lf_stream s = lf_stream_at(5, LF_RANDOM_TEST, 4, k);
+        for (int i = 0; i < 3; i++) {
+            dot[0][i] = 2.4 + 0.3 * lf_uniform(&s); /* in a corner, 70 degrees off three axes */
+            dot[1][i] = 0.8 * dot[0][i];
+        }
+        check_bounds(dot);
+    }
 }
 
 /* Depths of what the cameras see lie between near and far, for cameras of all splits. */
@@ -336,7 +412,61 @@ static void pictures_are_reduced(void **state)
     }
 }
 
+/* An alpha of 255 everywhere is none: the ground is what the colours say. */
+static void opaque_alpha_says_nothing(void **state)
+{
+    for (int clear = 0; clear < 2; clear++) {
+        static uint8_t rgb[16 * 16 * 3], alpha[16 * 16];
+        lf_scene *scene = lf_scene_create("dark");
+        memset(rgb, 40, sizeof rgb);
+        memset(alpha, 255, sizeof alpha);
+        if (clear) { /* one pixel, far from the rim */
+            alpha[8 * 16 + 8] = 0;
+            memset(rgb + 3 * (8 * 16 + 8), 255, 3);
+        }
+        for (int v = 0; v < 4; v++) {
+            const double centre[3] = {3 * cos(v), 0, 3 * sin(v)}, target[3] = {0, 0, 0};
+            const lf_camera c = lf_camera_look_at(centre, target, 0.3, 16);
+            char name[8];
+            snprintf(name, sizeof name, "%d", v);
+            lf_scene_add(scene, name, &c, 1, 2, LF_SPLIT_TRAIN, rgb, alpha);
+        }
+        char path[512];
+        place(state, clear ? "clear" : "dark", path);
+        assert_int_equal(lf_scene_write(scene, LF_LAYOUT_NERF_SYNTHETIC, path, NULL), LF_OK);
+        lf_scene_close(scene);
+        lf_scene_set_options o = usual();
+        o.scenes = path;
+        lf_scene_set *set = open_set(&o);
+        assert_int_equal(set->entry[0].white, clear);
+        lf_scene_set_close(set);
+    }
+}
+
 /* ---- what goes wrong ---- */
+
+static void reduced_too_much(void **state)
+{
+    lf_scene *scene = lf_scene_create("wide");
+    static uint8_t rgb[130 * 2 * 3];
+    for (int v = 0; v < 4; v++) {
+        const double centre[3] = {cos(v), 0, sin(v)}, target[3] = {0, 0, 0};
+        lf_camera c = lf_camera_look_at(centre, target, 0.3, 2);
+        c.width = 130;
+        c.cx = 64.5;
+        char name[8];
+        snprintf(name, sizeof name, "%d", v);
+        lf_scene_add(scene, name, &c, 1, 2, LF_SPLIT_TRAIN, rgb, NULL);
+    }
+    char path[512];
+    assert_int_equal(lf_scene_write(scene, LF_LAYOUT_COLMAP_TEXT, place(state, "wide", path), NULL),
+                     LF_OK);
+    lf_scene_close(scene);
+    lf_scene_set_options o = usual();
+    o.scenes = path;
+    o.longest = 2; /* 65 times */
+    expect_refused(&o, "data.longest = 2");
+}
 
 static void missing_folders(void **state)
 {
@@ -408,6 +538,9 @@ int main(void)
         cmocka_unit_test(absolute_paths_need_no_root),
         cmocka_unit_test(depths_of_files_are_widened),
         cmocka_unit_test(pictures_are_reduced),
+        cmocka_unit_test(opaque_alpha_says_nothing),
+        cmocka_unit_test(bounds_of_a_wide_lens),
+        cmocka_unit_test(reduced_too_much),
         cmocka_unit_test(missing_folders),
         cmocka_unit_test(too_few_views),
         cmocka_unit_test(nothing_between_near_and_far),

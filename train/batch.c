@@ -1,6 +1,7 @@
 /* batch.c: see batch.h. */
 #include "autograd/random.h"
 #include "train/batch.h"
+#include "train/recon_data.h"
 
 enum { V = LF_CUBE_VIEWS };
 
@@ -18,6 +19,7 @@ struct lf_batches {
     float *sdf;
     double (*point)[3];
     lf_projection projection;
+    lf_seen_grid grid;
 };
 
 static void *room(size_t count, size_t size)
@@ -44,7 +46,7 @@ static void list_epoch(lf_batches *b, const lf_config *cfg)
             b->list[n++] = i;
 }
 
-lf_batches *lf_batches_create(const lf_config *cfg, const lf_shapes *shapes)
+lf_batches *lf_batches_create(const lf_config *cfg, const lf_recon *model, const lf_shapes *shapes)
 {
     lf_batches *b = room(1, sizeof *b);
     b->shapes = shapes;
@@ -63,6 +65,7 @@ lf_batches *lf_batches_create(const lf_config *cfg, const lf_shapes *shapes)
     b->sdf = room((size_t)(b->per_step * b->points), sizeof *b->sdf);
     b->point = room((size_t)b->points, sizeof *b->point);
     b->projection = lf_projection_create(b->per_step * b->points);
+    b->grid = lf_seen_grid_create(model, b->per_step);
     return b;
 }
 
@@ -70,6 +73,7 @@ void lf_batches_free(lf_batches *b)
 {
     if (!b)
         return;
+    lf_seen_grid_free(&b->grid);
     lf_projection_free(&b->projection);
     free(b->order);
     free(b->list);
@@ -125,9 +129,8 @@ lf_batch lf_batches_at(lf_batches *b, long step)
         draw_points(b, step, slot, lf_shapes_samples(b->shapes, index));
         lf_projection_fill(&b->projection, slot * b->points, b->points,
                            (const double(*)[3])b->point, views, slot * V);
+        lf_seen_grid_fill(&b->grid, slot, views, slot * V);
     }
-    const lf_projection *p = &b->projection;
-    const lf_recon_points points = {
-        b->per_step * b->points, V, p->uv, p->direction, p->distance, p->mask, p->first};
-    return (lf_batch){b->per_step * V, b->image, points, b->sdf};
+    const lf_recon_images images = {b->per_step * V, V, b->image, lf_seen_grid_points(&b->grid)};
+    return (lf_batch){images, lf_seen_points(&b->projection, b->per_step * b->points), b->sdf};
 }

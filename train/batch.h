@@ -13,16 +13,15 @@
 
 typedef struct lf_batches lf_batches;
 
-/* Keeps references to both arguments. */
-lf_batches *lf_batches_create(const lf_config *cfg, const lf_shapes *shapes);
+/* Keeps references to cfg and shapes. The model says which grid it needs; NULL: none. */
+lf_batches *lf_batches_create(const lf_config *cfg, const lf_recon *model, const lf_shapes *shapes);
 void lf_batches_free(lf_batches *batches);
 
 /* Steps in an epoch, rounded up. */
 long lf_batches_epoch(const lf_batches *batches);
 
 typedef struct lf_batch {
-    long images;            /* shapes_per_step * 8 */
-    const lf_real *image;   /* [images, size, size, channels], premultiplied, 0 to 1 */
+    lf_recon_images images; /* shapes_per_step * 8, premultiplied, 0 to 1 */
     lf_recon_points points; /* shapes_per_step * points_per_shape, as the 8 views see them */
     const float *sdf;       /* [points] true distances, unit: the box diagonal */
 } lf_batch;

@@ -3,6 +3,7 @@
 #include <omp.h>
 #include <signal.h>
 
+#include "train/count.h"
 #include "train/openmp.h"
 #include "train/run_dir.h"
 #include "train/trainer.h"
@@ -20,6 +21,7 @@ static void print_help(FILE *out)
     fputs(
         "elf-train CONFIG.ini [options]        train a model from a config\n"
         "elf-train --resume RUN_OR_CHECKPOINT  go on with a run; the end is the same, bit for bit\n"
+        "elf-train CONFIG.ini --count          parameters and operations of the model\n"
         "\n"
         "  --out DIR         run folder (default: runs/<name of the config>)\n"
         "  --resume PATH     a run's folder (its newest sound checkpoint) or one checkpoint;\n"
@@ -29,10 +31,11 @@ static void print_help(FILE *out)
         "  --overfit         train on the first batch alone: the loss must go to 0\n"
         "  --check-finite    look for NaN and infinities after every op and name the first "
         "(slower)\n"
-        "  --profile [N]     instead of training, print where the time and memory of a step go, "
-        "by\n"
-        "                    part of the model and by op, of the fastest quarter of N steps (20)\n"
-        "  --profile-json F  also write it to the file F\n"
+        "  --count           print parameters and operations of the model's parts; train nothing\n"
+        "  --profile [N]     instead of training, print where time and memory of a step go, by "
+        "part\n"
+        "                    of the model and by op, of the fastest quarter of N steps (20)\n"
+        "  --json FILE       with --count or --profile: write it to FILE, too\n"
         "  --quiet           print only what went wrong\n"
         "  --help-config     print every key with type, range, default and meaning\n"
         "  --help, --version\n"
@@ -47,10 +50,10 @@ static void print_help(FILE *out)
 enum { MOST_SETS = 256 };
 
 typedef struct arguments {
-    const char *config, *out, *resume, *set[MOST_SETS], *profile_json;
+    const char *config, *out, *resume, *json, *set[MOST_SETS];
     int sets, threads;
     long profile; /* steps; 0: none */
-    bool quiet, overfit, check_finite, done;
+    bool quiet, overfit, check_finite, count, done;
 } arguments;
 
 static lf_status parse_number(const char *option, const char *text, long most, long *n,
@@ -66,7 +69,7 @@ static lf_status parse_number(const char *option, const char *text, long most, l
 
 static lf_status parse_option(arguments *a, int option, lf_error *err)
 {
-    long n;
+    long n = 0;
     switch (option) {
     case 'o':
         a->out = optarg;
@@ -83,6 +86,12 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         LF_TRY(parse_number("--threads", optarg, 1024, &n, err));
         a->threads = (int)n;
         return LF_OK;
+    case 'c':
+        a->count = true;
+        return LF_OK;
+    case 'j':
+        a->json = optarg;
+        return LF_OK;
     case 'q':
         a->quiet = true;
         return LF_OK;
@@ -95,9 +104,6 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
     case 'p':
         a->profile = 20;
         return optarg ? parse_number("--profile", optarg, 1000, &a->profile, err) : LF_OK;
-    case 'j':
-        a->profile_json = optarg;
-        return LF_OK;
     case 'h':
         print_help(stdout);
         break;
@@ -121,33 +127,30 @@ static void take_number(int argc, char **argv)
         optarg = argv[optind++];
 }
 
-static lf_status check_profile(const arguments *a, lf_error *err)
+/* What is asked instead of a training. */
+static lf_status check_jobs(const arguments *a, lf_error *err)
 {
-    if (a->profile_json && !a->profile)
-        return lf_fail(err, LF_BAD_INPUT, "--profile-json %s: only with --profile",
-                       a->profile_json);
+    if (a->json && !a->count && !a->profile)
+        return lf_fail(err, LF_BAD_INPUT, "--json means nothing without --count or --profile");
+    if (a->count && (a->resume || a->out || a->overfit || a->check_finite || a->profile))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "--count trains nothing: give a config, --set and --json alone");
     if (a->profile && a->out)
         return lf_fail(err, LF_BAD_INPUT,
-                       "--out %s: --profile writes no run; leave --out out, or see --profile-json",
-                       a->out);
+                       "--out %s: --profile writes no run; leave it out, or see --json", a->out);
     return LF_OK;
 }
 
 static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
 {
-    static const struct option options[] = {{"out", required_argument, NULL, 'o'},
-                                            {"resume", required_argument, NULL, 'r'},
-                                            {"set", required_argument, NULL, 's'},
-                                            {"threads", required_argument, NULL, 't'},
-                                            {"profile", optional_argument, NULL, 'p'},
-                                            {"profile-json", required_argument, NULL, 'j'},
-                                            {"quiet", no_argument, NULL, 'q'},
-                                            {"overfit", no_argument, NULL, 'O'},
-                                            {"check-finite", no_argument, NULL, 'f'},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"help-config", no_argument, NULL, 'H'},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {NULL, 0, NULL, 0}};
+    static const struct option options[] = {
+        {"out", required_argument, NULL, 'o'},  {"resume", required_argument, NULL, 'r'},
+        {"set", required_argument, NULL, 's'},  {"threads", required_argument, NULL, 't'},
+        {"count", no_argument, NULL, 'c'},      {"profile", optional_argument, NULL, 'p'},
+        {"json", required_argument, NULL, 'j'}, {"quiet", no_argument, NULL, 'q'},
+        {"overfit", no_argument, NULL, 'O'},    {"check-finite", no_argument, NULL, 'f'},
+        {"help", no_argument, NULL, 'h'},       {"help-config", no_argument, NULL, 'H'},
+        {"version", no_argument, NULL, 'v'},    {NULL, 0, NULL, 0}};
     int option;
     while (!a->done && (option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
         if (option == 'p')
@@ -164,12 +167,13 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
     if (!a->config && !a->resume)
         return lf_fail(err, LF_BAD_INPUT,
                        "no config given; try elf-train configs/reconstruct-tiny.ini");
+    LF_TRY(check_jobs(a, err));
     if (a->config && a->resume)
         return lf_fail(err, LF_BAD_INPUT,
                        "%s and --resume: a resumed run has its config in the checkpoint; leave the "
                        "config out, and change keys with --set",
                        a->config);
-    return check_profile(a, err);
+    return LF_OK;
 }
 
 /* runs/<config's file name without its ending>, malloc'd. */
@@ -207,7 +211,7 @@ static lf_status train(const arguments *a, const lf_config *cfg, lf_train_option
     options->check_finite = a->check_finite;
     options->stop = &stop_asked;
     options->profile = a->profile;
-    options->profile_json = a->profile_json;
+    options->json = a->json;
     catch_signals();
     return lf_train(cfg, options, err);
 }
@@ -217,6 +221,12 @@ static lf_status start(const arguments *a, lf_error *err)
     lf_config *cfg;
     LF_TRY(lf_config_load(a->config, &cfg, err));
     lf_status status = apply_sets(a, cfg, err);
+    if (a->count) {
+        if (status == LF_OK)
+            status = lf_count(cfg, a->quiet ? NULL : stdout, a->json, err);
+        lf_config_free(cfg);
+        return status;
+    }
     char *out = a->out ? strdup(a->out) : default_out(a->config);
     lf_train_options options = {.out = out};
     if (status == LF_OK)

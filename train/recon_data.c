@@ -1,4 +1,4 @@
-/* data.c: the [data] keys as options of the shapes. */
+/* recon_data.c: the [data] keys as options of the shapes; what networks are told of points. */
 #include "train/recon_data.h"
 
 static lf_views_options views_options(const lf_config *cfg)
@@ -41,4 +41,49 @@ lf_shapes_options lf_shapes_options_from(const lf_config *cfg, const char *split
     };
     o.builtin = lf_config_int(cfg, builtin ? count : "data.extra_builtin");
     return o;
+}
+
+lf_recon_points lf_seen_points(const lf_projection *p, long count)
+{
+    return (lf_recon_points){.count = count,
+                             .views = LF_CUBE_VIEWS,
+                             .uv = p->uv,
+                             .direction = p->direction,
+                             .distance = p->distance,
+                             .mask = p->mask,
+                             .first = p->first,
+                             .position = p->position,
+                             .bearing = p->bearing};
+}
+
+lf_seen_grid lf_seen_grid_create(const lf_recon *model, long shapes)
+{
+    lf_seen_grid grid = {.count = model ? model->grid * model->grid * model->grid : 0};
+    if (grid.count == 0)
+        return grid;
+    grid.point = calloc((size_t)grid.count, sizeof *grid.point);
+    LF_REQUIRE(grid.point, "out of memory for a grid of %ld points", grid.count);
+    lf_recon_grid(model, grid.point);
+    grid.projection = lf_projection_create(shapes * grid.count);
+    grid.points = lf_seen_points(&grid.projection, shapes * grid.count);
+    return grid;
+}
+
+void lf_seen_grid_free(lf_seen_grid *grid)
+{
+    free(grid->point);
+    lf_projection_free(&grid->projection);
+    *grid = (lf_seen_grid){0};
+}
+
+void lf_seen_grid_fill(lf_seen_grid *grid, long slot, const lf_shape_views *views, long first)
+{
+    if (grid->count > 0)
+        lf_projection_fill(&grid->projection, slot * grid->count, grid->count,
+                           (const double(*)[3])grid->point, views, first);
+}
+
+const lf_recon_points *lf_seen_grid_points(const lf_seen_grid *grid)
+{
+    return grid->count > 0 ? &grid->points : NULL;
 }

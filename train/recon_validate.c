@@ -35,13 +35,7 @@ static overlap validate_shape(lf_recon_work *work, const lf_config *cfg, const l
         truth[i] = samples[k][3];
     }
     lf_projection_fill(projection, 0, n, (const double(*)[3])point, views, 0);
-    const lf_recon_points points = {n,
-                                    V,
-                                    projection->uv,
-                                    projection->direction,
-                                    projection->distance,
-                                    projection->mask,
-                                    projection->first};
+    const lf_recon_points points = lf_seen_points(projection, n);
     const double scale = lf_config_real(cfg, "loss.scale"),
                  clamp = lf_config_real(cfg, "loss.clamp");
     lf_recon_predict(work, &points, scale, sdf, NULL);
@@ -59,7 +53,8 @@ static overlap validate_shape(lf_recon_work *work, const lf_config *cfg, const l
     return a;
 }
 
-lf_agreement lf_validate_shapes(lf_recon_work *work, const lf_config *cfg, const lf_shapes *shapes)
+lf_agreement lf_validate_shapes(lf_recon_work *work, const lf_recon *model, const lf_config *cfg,
+                                const lf_shapes *shapes)
 {
     const long size = lf_config_int(cfg, "data.image_size"), count = lf_shapes_count(shapes);
     const long numbers = V * size * size * (lf_config_is(cfg, "data.channels", "colour") ? 4 : 2);
@@ -67,16 +62,20 @@ lf_agreement lf_validate_shapes(lf_recon_work *work, const lf_config *cfg, const
     lf_real *image = calloc((size_t)numbers, sizeof *image);
     LF_REQUIRE(pixels && image, "out of memory for %ld pixels", numbers);
     lf_projection projection = lf_projection_create(POINTS);
+    lf_seen_grid grid = lf_seen_grid_create(model, 1);
     lf_agreement v = {0};
     for (long s = 0; s < count; s++) {
         lf_shapes_pixels(lf_shapes_views(shapes, s, 0)->images, numbers, pixels);
         for (long i = 0; i < numbers; i++)
             image[i] = (lf_real)pixels[i];
-        lf_recon_encode(work, V, image);
+        lf_seen_grid_fill(&grid, 0, lf_shapes_views(shapes, s, 0), 0);
+        const lf_recon_images images = {V, V, image, lf_seen_grid_points(&grid)};
+        lf_recon_encode(work, &images);
         const overlap a = validate_shape(work, cfg, shapes, s, &projection);
         v.loss += a.loss / (double)count;
         v.iou += (a.either ? (double)a.both / (double)a.either : 1) / (double)count;
     }
+    lf_seen_grid_free(&grid);
     lf_projection_free(&projection);
     free(pixels);
     free(image);

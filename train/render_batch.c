@@ -2,8 +2,8 @@
  *
  * A step takes one target view: a scene from files with the probability data.real_share (where both
  * kinds are there), else a built-in one; one of its training views; sources as IBRNet draws them;
- * train.rays of 4 train.rays random pixels, pure white ones last with the probability
- * train.white_share, so that the empty ground of an object does not fill the step.
+ * train.rays of 4 train.rays random pixels; where the ground is white, pure white ones last with
+ * the probability train.white_share, so that the empty ground of an object does not fill the step.
  */
 #include "train/render_data.h"
 
@@ -86,12 +86,12 @@ static const lf_scene_entry *draw_scene(const lf_render_batches *b, lf_stream *s
     return &b->scenes->entry[b->order[i]];
 }
 
-/* The first b->rays of b->pixel, white ones last. */
-static void draw_pixels(lf_render_batches *b, lf_stream *s)
+/* The first b->rays of b->pixel; on a white ground, white ones last. */
+static void draw_pixels(lf_render_batches *b, bool ground, lf_stream *s)
 {
     const lf_pixels *p = &b->view.pixels;
     const long drawn = DRAWN * b->rays, all = (long)p->width * p->height;
-    const double share = lf_config_real(b->cfg, "train.white_share");
+    const double share = ground ? lf_config_real(b->cfg, "train.white_share") : 0;
     long *late = b->pixel + drawn, first = 0, last = 0;
     for (long i = 0; i < drawn; i++) {
         const long at = lf_index(s, all);
@@ -124,7 +124,7 @@ lf_status lf_render_batches_at(lf_render_batches *b, long step, lf_render_batch 
     close_step(b);
     LF_TRY(lf_render_view_open(e, target, &o, &b->view, err));
     b->open = true;
-    draw_pixels(b, &rays);
+    draw_pixels(b, e->white, &rays);
     b->pixel_rays = lf_pixel_rays_create(&b->view, b->rays, b->pixel);
     *out = (lf_render_batch){.rays = b->pixel_rays.rays,
                              .colour = b->colour,

@@ -81,6 +81,18 @@ static lf_status check_views(const lf_config *cfg, const lf_scene_entry *e, cons
                    e->name, there, themselves ? ", one of which is rendered" : "", key, sources);
 }
 
+/* Built-in scenes stay in memory whole: refuse what is too much before one is made. */
+static lf_status check_cache(const lf_scene_set_options *o, const char *key, lf_error *err)
+{
+    const double needed = lf_scene_set_builtin_bytes(o);
+    if (needed <= (double)o->cache_bytes)
+        return LF_OK;
+    return lf_fail(err, LF_BAD_INPUT,
+                   "%s = %ld scenes with data.scene_size = %d take %.0f MB, and data.cache_mb = "
+                   "%.0f: lower one of them, or raise data.cache_mb if this machine has the memory",
+                   key, o->builtin, o->size, ceil(1e-6 * needed), 1e-6 * (double)o->cache_bytes);
+}
+
 lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
                            void *context, lf_scene_set **out, lf_error *err)
 {
@@ -98,6 +110,7 @@ lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set
     if (!o.scenes && o.builtin == 0)
         return LF_OK;
     lf_scene_set *set;
+    LF_TRY(check_cache(&o, test ? "data.test_builtin" : "data.builtin_scenes", err));
     LF_TRY(lf_scene_set_open(&o, progress, context, &set, err));
     lf_status status = LF_OK;
     for (long i = 0; i < set->count && status == LF_OK; i++) {
@@ -112,14 +125,53 @@ lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set
     return status;
 }
 
+static lf_scene_split used_split(const lf_scene_entry *e, const char *split)
+{
+    const lf_scene_split s = strcmp(split, "train") == 0 ? LF_SPLIT_TRAIN
+                             : strcmp(split, "val") == 0 ? LF_SPLIT_VAL
+                                                         : LF_SPLIT_TEST;
+    return e->count[s] ? s : LF_SPLIT_TRAIN;
+}
+
 const long *lf_render_targets(const lf_scene_entry *e, const char *split, long *count)
 {
-    const int s = strcmp(split, "train") == 0 ? LF_SPLIT_TRAIN
-                  : strcmp(split, "val") == 0 ? LF_SPLIT_VAL
-                                              : LF_SPLIT_TEST;
-    const int used = e->count[s] ? s : LF_SPLIT_TRAIN;
+    const lf_scene_split used = used_split(e, split);
     *count = e->count[used];
     return e->view[used];
+}
+
+const char *lf_render_split(const lf_scene_entry *e, const char *split)
+{
+    return lf_scene_split_name(used_split(e, split));
+}
+
+const char *lf_render_split_name(const char *split, long views, long trained)
+{
+    if (trained == 0 || strcmp(split, "train") == 0)
+        return split;
+    return trained == views ? "train" : strcmp(split, "val") == 0 ? "val, train" : "test, train";
+}
+
+void lf_render_describe(FILE *out, const char *split, const lf_scene_set *set)
+{
+    for (long i = 0; i < set->count; i++) {
+        const lf_scene_entry *e = &set->entry[i];
+        const lf_camera *c = &e->scene->view[0].camera;
+        double near, far;
+        lf_scene_depths_of(e, c, &near, &far);
+        if (e->builtin)
+            continue;
+        fprintf(out,
+                "%s: %s: %ld + %ld + %ld views (train, val, test) of %d x %d, depths %.3g to %.3g "
+                "(%s)%s, sources by %s, %s ground\n",
+                split, e->name, e->count[0], e->count[1], e->count[2], c->width, c->height, near,
+                far, e->radius > 0 ? "from outlines" : lf_scene_depths_name(e->scene->depths),
+                e->near_raised ? " (near raised to far / 1000)" : "",
+                e->nearness == LF_NEAR_ANGLE ? "angle" : "distance", e->white ? "white" : "black");
+        if (e->scene->left)
+            fprintf(out, "  %ld frames left out; elf-eval check-data %s lists them\n",
+                    e->scene->left, e->name);
+    }
 }
 
 /* ---- a target and its sources -----------------------------------------------------------------

@@ -6,14 +6,16 @@
 #ifndef LF_TRAIN_RENDER_DATA_H
 #define LF_TRAIN_RENDER_DATA_H
 
+#include <stdio.h>
+
 #include "configs/configs.h"
 #include "datasets/scene_set.h"
 #include "models/render_work.h"
 
 /* The scenes of a split of a config: "train", "val" or "test". Where none are named for "val" or
- * "test": NULL, and the training scenes serve, with other views. LF_BAD_INPUT: as
- * lf_scene_set_open; pictures too small for the feature network; for "val" and "test" too few views
- * for render.sources. */
+ * "test": NULL, and the training scenes serve, with the views of lf_render_targets. LF_BAD_INPUT:
+ * as lf_scene_set_open; built-in scenes that take more than data.cache_mb; pictures too small for
+ * the feature network; for "val" and "test" too few views for render.sources. */
 lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set_progress *progress,
                            void *context, lf_scene_set **out, lf_error *err);
 
@@ -21,6 +23,15 @@ lf_status lf_render_scenes(const lf_config *cfg, const char *split, lf_scene_set
  * training views. For "val" and "test" the targets are the views of that split, or the training
  * views where it has none (each left out of its own sources). */
 const long *lf_render_targets(const lf_scene_entry *entry, const char *split, long *count);
+/* The split of those views: `split`, or "train". */
+const char *lf_render_split(const lf_scene_entry *entry, const char *split);
+/* The same of several scenes' views, `trained` of which are training views that stand in for the
+ * split's: `split`, "train", or both as "test, train". */
+const char *lf_render_split_name(const char *split, long views, long trained);
+
+/* A line a scene from files: views, depths, how sources are chosen, ground; and what was left out.
+ */
+void lf_render_describe(FILE *out, const char *split, const lf_scene_set *set);
 
 /* One target view with its sources, held in memory: pictures stay until lf_render_view_release. */
 typedef struct lf_render_view {

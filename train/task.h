@@ -16,18 +16,40 @@ typedef struct lf_task_options {
     bool quiet, check_finite;
 } lf_task_options;
 
-/* How well the model does on what it is not trained on. */
+/* How well the model does on the validation split; a scene without one is validated on views that
+ * it is trained on, and `split` says so. */
 typedef struct lf_validation {
     double loss;       /* the lower the better: picks the best checkpoint */
     const char *name;  /* of the figure for people, a key of metrics.jsonl: "val_iou" */
     const char *label; /* the same in words: "IoU of signs" */
     double figure;
+    const char *split; /* of what it was measured on: "val", "train", "val, train" */
 } lf_validation;
+
+/* What a model costs, by formula: multiply-adds, forward, of one view, point, ray, ... */
+enum { LF_COST_PARTS = 4, LF_COST_TEXT = 96 };
+typedef struct lf_cost_part {
+    const char *name;
+    long parameters;
+    double macs;
+    char of[LF_COST_TEXT]; /* of what: "a view of 97 x 97" */
+} lf_cost_part;
+typedef struct lf_cost {
+    int parts;
+    lf_cost_part part[LF_COST_PARTS];
+    double step_macs;
+    char step[LF_COST_TEXT]; /* what a training step is: "2 shapes, 512 points" */
+} lf_cost;
+void lf_cost_add(lf_cost *cost, const char *name, long parameters, double macs, const char *of);
+/* Trainable numbers of the arrays whose names begin with `prefix`. */
+long lf_trainable_in(const lf_store *store, const char *prefix);
 
 typedef struct lf_task lf_task;
 struct lf_task {
     void *self;
     lf_store *store; /* owned */
+    /* What the model costs; neither data nor a step are needed. */
+    void (*count)(const void *self, lf_cost *out);
     /* Refuse what this machine cannot hold; nothing is read yet. */
     lf_status (*check)(void *self, lf_error *err);
     /* Open and prepare the data; the sizes are printed unless quiet. */

@@ -85,7 +85,7 @@ static lf_status open_data(void *self, lf_error *err)
     LF_TRY(prepare(t, "train", t->shapes, err));
     if (t->val)
         LF_TRY(prepare(t, "val", t->val, err));
-    t->batches = lf_batches_create(t->cfg, t->shapes);
+    t->batches = lf_batches_create(t->cfg, &t->model, t->shapes);
     return LF_OK;
 }
 
@@ -108,14 +108,14 @@ static void print_plan(void *self, long step)
     lf_recon_work *work = lf_recon_work_create(&model, lf_config_int(t->cfg, "train.tile_points"));
     const lf_batch b = lf_batches_at(t->batches, step);
     const lf_sdf_loss_config loss = loss_config(t->cfg);
-    lf_recon_step(work, b.images, b.image, &b.points, b.sdf, &loss);
+    lf_recon_step(work, &b.images, &b.points, b.sdf, &loss);
     const double tapes = (double)lf_recon_work_bytes(work) * 1e-6;
     const double cache = (double)lf_shapes_bytes(t->shapes) * 1e-6 +
                          (t->val ? (double)lf_shapes_bytes(t->val) * 1e-6 : 0);
     const double parameters = 4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6;
     printf("model: %ld parameters, %.3g GFLOP a step (forward and backward)\n",
            lf_store_trainable(store),
-           6e-9 * lf_recon_macs(&model, b.images, b.points.count, b.points.views));
+           6e-9 * lf_recon_macs(&model, b.images.count, b.points.count, b.points.views));
     printf("memory: %.0f MB of views and points, %.0f MB of tapes (features and tiles), %.1f MB of "
            "parameters, gradients and moments\n",
            cache, tapes, parameters);
@@ -124,19 +124,48 @@ static void print_plan(void *self, long step)
     lf_store_free(store);
 }
 
+/* Trainable numbers of what a network computes of a shape as a whole. */
+static long object_parameters(const recon_task *t)
+{
+    long n = 0;
+    for (int i = 0; i < lf_store_count(t->store); i++) {
+        const lf_parameter *p = lf_store_at(t->store, i);
+        if (p->trainable && p->offset < t->model.head_first)
+            n += p->size;
+    }
+    return n - lf_trainable_in(t->store, "backbone.");
+}
+
+static void count(const void *self, lf_cost *out)
+{
+    const recon_task *t = self;
+    const lf_recon *m = &t->model;
+    const lf_recon_cost c = lf_recon_costs(m, LF_CUBE_VIEWS);
+    const long shapes = lf_config_int(t->cfg, "train.shapes_per_step");
+    const long points = shapes * lf_config_int(t->cfg, "train.points_per_shape");
+    const long backbone = lf_trainable_in(t->store, "backbone."), objects = object_parameters(t);
+    char text[LF_COST_TEXT];
+    snprintf(text, sizeof text, "a view of %ld x %ld", m->config.image_size, m->config.image_size);
+    lf_cost_add(out, "backbone", backbone, c.image, text);
+    snprintf(text, sizeof text, "a shape of %d views", LF_CUBE_VIEWS);
+    if (objects > 0 || c.object > 0)
+        lf_cost_add(out, "shape", objects, c.object, text);
+    snprintf(text, sizeof text, "a point that %d views see", LF_CUBE_VIEWS);
+    lf_cost_add(out, "head", lf_store_trainable(t->store) - backbone - objects, c.point, text);
+    out->step_macs = lf_recon_macs(m, shapes * LF_CUBE_VIEWS, points, LF_CUBE_VIEWS);
+    snprintf(out->step, sizeof out->step, "%ld shapes, %ld points", shapes, points);
+}
+
 /* Refuse a step that this machine cannot hold, before an hour of rendering. An estimate from below:
  * the outputs of all convolutions and norms, and the samples with their gradient. */
 static lf_status check_memory(void *self, lf_error *err)
 {
     const recon_task *t = self;
-    const lf_recon_config *c = &t->model.config;
+    const lf_recon_cost cost = lf_recon_costs(&t->model, LF_CUBE_VIEWS);
     const double shapes = (double)lf_config_int(t->cfg, "train.shapes_per_step");
     const double points = shapes * (double)lf_config_int(t->cfg, "train.points_per_shape");
-    const double size = (double)c->image_size;
-    const double image = lf_backbone_macs(&t->model.backbone, c->image_size, c->image_size).kept +
-                         size * size * c->backbone.in_channels;
     const double numbers =
-        LF_CUBE_VIEWS * (shapes * image + 2 * points * (double)t->model.feature_count);
+        shapes * (LF_CUBE_VIEWS * cost.image_kept + cost.object_kept) + points * cost.point_kept;
     const double needed = numbers * sizeof(lf_real);
     const double there = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGE_SIZE);
     if (needed <= there)
@@ -145,7 +174,7 @@ static lf_status check_memory(void *self, lf_error *err)
         err, LF_BAD_INPUT,
         "a step would keep at least %.1f GB of feature maps and samples, and this machine "
         "has %.1f GB: lower data.image_size, train.shapes_per_step, "
-        "train.points_per_shape or model.fields",
+        "train.points_per_shape, model.fields or (fvor) model.grid",
         1e-9 * needed, 1e-9 * there);
 }
 
@@ -157,7 +186,7 @@ static lf_status run_step(void *self, long step, double *loss, double *data_seco
     const double start = lf_seconds_now();
     const lf_batch b = lf_batches_at(t->batches, step);
     *data_seconds = lf_seconds_now() - start;
-    *loss = lf_recon_step(t->work, b.images, b.image, &b.points, b.sdf, &config);
+    *loss = lf_recon_step(t->work, &b.images, &b.points, b.sdf, &config);
     return LF_OK;
 }
 
@@ -189,8 +218,8 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
 {
     const recon_task *t = self;
     (void)err;
-    const lf_agreement a = lf_validate_shapes(t->work, t->cfg, t->val);
-    *out = (lf_validation){a.loss, "val_iou", "IoU of signs", a.iou};
+    const lf_agreement a = lf_validate_shapes(t->work, &t->model, t->cfg, t->val);
+    *out = (lf_validation){a.loss, "val_iou", "IoU of signs", a.iou, "val"};
     return LF_OK;
 }
 
@@ -218,6 +247,7 @@ void lf_task_recon(const lf_config *cfg, const lf_task_options *options, lf_task
     lf_recon_work_check(t->work, options->check_finite);
     *out = (lf_task){.self = t,
                      .store = t->store,
+                     .count = count,
                      .check = check_memory,
                      .open = open_data,
                      .print_plan = print_plan,

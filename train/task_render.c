@@ -34,28 +34,6 @@ static void opened(void *context, long done, long total)
     lf_progress_update(&p->progress, done, lf_seconds_now() - p->started, "opening scenes");
 }
 
-static void describe(const char *split, const lf_scene_set *set)
-{
-    for (long i = 0; i < set->count; i++) {
-        const lf_scene_entry *e = &set->entry[i];
-        const lf_camera *c = &e->scene->view[0].camera;
-        double near, far;
-        lf_scene_depths_of(e, c, &near, &far);
-        if (e->builtin)
-            continue;
-        printf("%s: %s: %ld + %ld + %ld views (train, val, test) of %d x %d, depths %.3g to %.3g "
-               "(%s)%s, "
-               "sources by %s, %s ground\n",
-               split, e->name, e->count[0], e->count[1], e->count[2], c->width, c->height, near,
-               far, e->radius > 0 ? "from outlines" : lf_scene_depths_name(e->scene->depths),
-               e->near_raised ? " (near raised to far / 1000)" : "",
-               e->nearness == LF_NEAR_ANGLE ? "angle" : "distance", e->white ? "white" : "black");
-        if (e->scene->left)
-            printf("  %ld frames left out; elf-eval check-data %s lists them\n", e->scene->left,
-                   e->name);
-    }
-}
-
 static lf_status open_split(const render_task *t, const char *split, lf_scene_set **out,
                             lf_error *err)
 {
@@ -64,8 +42,32 @@ static lf_status open_split(const render_task *t, const char *split, lf_scene_se
     const lf_status status = lf_render_scenes(t->cfg, split, opened, &p, out, err);
     lf_progress_end(&p.progress);
     if (status == LF_OK && *out && !t->options->quiet)
-        describe(split, *out);
+        lf_render_describe(stdout, split, *out);
     return status;
+}
+
+/* Scenes whose own training views are validated on. */
+static long without_val(const lf_scene_set *set)
+{
+    long without = 0;
+    for (long i = 0; i < set->count; i++)
+        without += strcmp(lf_render_split(&set->entry[i], "val"), "val") != 0;
+    return without;
+}
+
+static void print_scenes(const render_task *t)
+{
+    const lf_scene_set *val = t->val ? t->val : t->scenes;
+    long views = 0, builtin = 0;
+    for (long i = 0; i < t->scenes->count; i++) {
+        views += t->scenes->entry[i].count[LF_SPLIT_TRAIN];
+        builtin += t->scenes->entry[i].builtin;
+    }
+    printf("train: %ld scenes, %ld of them built in, %ld views\n", t->scenes->count, builtin,
+           views);
+    if (lf_config_int(t->cfg, "data.val_shapes") > 0 && without_val(val))
+        printf("validation: on training views of %ld scenes of %ld, which have no val views\n",
+               without_val(val), val->count);
 }
 
 static lf_status open_data(void *self, lf_error *err)
@@ -74,14 +76,8 @@ static lf_status open_data(void *self, lf_error *err)
     LF_TRY(open_split(t, "train", &t->scenes, err));
     LF_TRY(open_split(t, "val", &t->val, err));
     LF_TRY(lf_render_batches_create(t->cfg, t->scenes, &t->batches, err));
-    long views = 0, builtin = 0;
-    for (long i = 0; i < t->scenes->count; i++) {
-        views += t->scenes->entry[i].count[LF_SPLIT_TRAIN];
-        builtin += t->scenes->entry[i].builtin;
-    }
     if (!t->options->quiet)
-        printf("train: %ld scenes, %ld of them built in, %ld views\n", t->scenes->count, builtin,
-               views);
+        print_scenes(t);
     return LF_OK;
 }
 
@@ -154,15 +150,44 @@ static void print_plan(void *self, long step)
             pictures += lf_scene_bytes(t->scenes->entry[i].scene);
         printf("model: %ld parameters, %.3g GFLOP a step (forward and backward)\n",
                lf_store_trainable(store), 6e-9 * step_macs(t, &batch));
-        printf("memory: %.0f MB of pictures (at most data.cache_mb = %ld), %.0f MB of tapes and "
-               "lanes, %.1f MB of parameters, gradients and moments\n",
-               (double)pictures * 1e-6, lf_config_int(t->cfg, "data.cache_mb"),
-               (double)lf_render_work_bytes(work) * 1e-6,
-               4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6);
+        printf(
+            "memory: %.0f MB of pictures now (at most data.cache_mb = %ld), %.0f MB of tapes and "
+            "lanes, %.1f MB of parameters, gradients and moments\n",
+            (double)pictures * 1e-6, lf_config_int(t->cfg, "data.cache_mb"),
+            (double)lf_render_work_bytes(work) * 1e-6,
+            4.0 * (double)lf_store_size(store) * sizeof(lf_real) * 1e-6);
     }
     lf_render_work_free(work);
     lf_renderer_free(&model);
     lf_store_free(store);
+}
+
+/* Pictures are read later: as large as they may be, or as built-in ones are. */
+static long assumed_edge(const lf_config *cfg)
+{
+    const long longest = lf_config_int(cfg, "data.longest");
+    const bool files = strcmp(lf_config_string(cfg, "data.scenes"), "none") != 0;
+    return files && longest > 0 ? longest : lf_config_int(cfg, "data.scene_size");
+}
+
+static void count(const void *self, lf_cost *out)
+{
+    static const char *const name[] = {"coarse", "fine"}, *const prefix[] = {"coarse.", "fine."};
+    const render_task *t = self;
+    const lf_renderer_config *c = &t->model.config;
+    const long edge = assumed_edge(t->cfg), rays = lf_config_int(t->cfg, "train.rays");
+    const double picture = lf_renderer_picture_macs(&t->model, edge, edge);
+    char text[LF_COST_TEXT];
+    snprintf(text, sizeof text, "a picture of %ld x %ld", edge, edge);
+    lf_cost_add(out, "features", lf_trainable_in(t->store, "features."), picture, text);
+    for (int i = 0; i < t->model.networks; i++) {
+        snprintf(text, sizeof text, "a ray of %ld samples, %ld source views",
+                 c->samples + (i == LF_FINE ? c->fine : 0), c->sources);
+        lf_cost_add(out, name[i], lf_trainable_in(t->store, prefix[i]),
+                    lf_renderer_network_macs(&t->model, i), text);
+    }
+    out->step_macs = (double)rays * lf_renderer_ray_macs(&t->model) + (double)c->sources * picture;
+    snprintf(out->step, sizeof out->step, "%ld rays, %ld such pictures", rays, c->sources);
 }
 
 /* From below: what the feature network keeps of the sources' pictures. Sizes are not known before
@@ -239,7 +264,7 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
     const lf_scene_set *set = t->val ? t->val : t->scenes;
     const long most = lf_config_int(t->cfg, "data.val_shapes");
     double loss = 0, psnr = 0;
-    long done = 0;
+    long done = 0, trained = 0;
     for (long round = 0; done < most; round++) {
         const long before = done;
         for (long i = 0; i < set->count && done < most; i++) {
@@ -251,12 +276,14 @@ static lf_status validate(void *self, lf_validation *out, lf_error *err)
             LF_TRY(view_error(t, &set->entry[i], target[target_number(round, count)], &mse, err));
             loss += mse;
             psnr += -10 * log10(fmax(mse, 1e-10));
+            trained += strcmp(lf_render_split(&set->entry[i], "val"), "val") != 0;
             done++;
         }
         if (done == before)
             break;
     }
-    *out = (lf_validation){loss / (double)done, "val_psnr", "PSNR", psnr / (double)done};
+    *out = (lf_validation){loss / (double)done, "val_psnr", "PSNR", psnr / (double)done,
+                           lf_render_split_name("val", done, trained)};
     return LF_OK;
 }
 
@@ -284,6 +311,7 @@ void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_tas
     lf_render_work_check(t->work, options->check_finite);
     *out = (lf_task){.self = t,
                      .store = t->store,
+                     .count = count,
                      .check = check_memory,
                      .open = open_data,
                      .print_plan = print_plan,

@@ -99,6 +99,7 @@ static lf_status log_step(trainer *t, double lr, double norm, lf_error *err)
     if (t->validated) {
         lf_json_real(line, "val_loss", t->validation.loss);
         lf_json_real(line, t->validation.name, t->validation.figure);
+        json_object_set_new(line, "val_split", json_string(t->validation.split));
     }
     if (t->task.log)
         t->task.log(t->task.self, line);
@@ -286,8 +287,7 @@ static lf_status profile_steps(trainer *t, lf_measured_step *step, lf_error *err
     p.rss_mb = lf_peak_rss_mb();
     lf_step_profile_choose(&p, step);
     lf_step_profile_print(stdout, &p);
-    return t->options->profile_json ? lf_step_profile_write(t->options->profile_json, &p, err)
-                                    : LF_OK;
+    return t->options->json ? lf_step_profile_write(t->options->json, &p, err) : LF_OK;
 }
 
 static lf_status profile(trainer *t, lf_error *err)
@@ -348,10 +348,10 @@ lf_status lf_train(const lf_config *cfg, const lf_train_options *options, lf_err
 
 void lf_task_create(const lf_config *cfg, const lf_task_options *options, lf_task *out)
 {
-    if (lf_config_is(cfg, "model.type", "equivariant"))
-        lf_task_recon(cfg, options, out);
-    else
+    if (lf_config_renders(cfg))
         lf_task_render(cfg, options, out);
+    else
+        lf_task_recon(cfg, options, out);
 }
 
 void lf_task_free(lf_task *task)
