@@ -155,6 +155,26 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
     }
 #define LF_OUT(...) LF_IN(__VA_ARGS__)
 
+/* ---- what a profile is told ------------------------------------------------------------------
+ * All of this does nothing unless a profile watches the tape.                 [autograd/profile.h]
+ */
+
+/* What is done on the tape until the scope's end belongs to this part of the model: "block%d".
+ * Scopes nest, their names are joined by '/'; each needs its end. */
+LF_PRINTF(2, 3)
+void lf_scope(lf_tape *tape, const char *format, ...);
+void lf_scope_end(lf_tape *tape);
+
+/* The op that is recorded next computes so many multiply-adds, by its formula, forward and in its
+ * backward. An op that does not say counts as unknown. */
+void lf_products(lf_tape *tape, double forward, double backward);
+/* The same of products of numbers of a with numbers of b: the backward has as many for each of the
+ * two that wants a gradient. */
+void lf_products_of(lf_tape *tape, double products, const lf_tensor *a, const lf_tensor *b);
+/* To leave out what only a count needs; and how many of n marks of a mask are set. */
+bool lf_profiled(const lf_tape *tape);
+double lf_present(long n, const lf_real *mask);
+
 /* The gradient of a tensor, made and zeroed if it is not there yet; NULL if it wants none. For
  * callers that add to it before lf_backward_from. The walk makes the others when it needs them and
  * reuses their memory as soon as their node has run, so a gradient is gone after the walk; those of

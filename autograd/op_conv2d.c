@@ -70,6 +70,8 @@ lf_tensor *lf_conv2d(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lo
 #pragma omp parallel for schedule(static)
     for (long i = 0; i < (fused ? 0 : s->images); i++)
         lf_kernel_activate(n, act, y->value + i * n);
+    const double pixels = (double)(s->images * s->out_height * s->out_width);
+    lf_products_of(tape, pixels * (double)w->size, x, w);
     lf_record(tape, "conv2d", backward, k, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

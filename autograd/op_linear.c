@@ -45,6 +45,7 @@ lf_tensor *lf_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lf
         lf_kernel_activate(y->size, act, y->value);
     lf_activation *saved = lf_alloc(tape, sizeof *saved);
     *saved = act;
+    lf_products_of(tape, (double)x->size * (double)w->dim[1], x, w);
     lf_record(tape, "linear", backward, saved, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

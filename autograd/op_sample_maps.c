@@ -115,6 +115,19 @@ static void forward_point(const sampling *s, int count, lf_tensor *const *maps, 
     }
 }
 
+/* Four numbers a channel of every seen entry, forward and back. */
+static void count_products(lf_tape *tape, int maps, lf_tensor *const *map, long entries,
+                           const lf_real *mask)
+{
+    double channels = 0, wanted = 0;
+    for (int m = 0; m < maps; m++) {
+        channels += (double)map[m]->dim[3];
+        wanted += map[m]->wants ? (double)map[m]->dim[3] : 0;
+    }
+    const double seen = lf_present(entries, mask);
+    lf_products(tape, 4 * seen * channels, 4 * seen * wanted);
+}
+
 lf_tensor *lf_sample_maps(lf_tape *tape, int count, lf_tensor *const *maps, long height, long width,
                           long points, long views, const double *uv, const lf_real *mask,
                           const long *first)
@@ -133,6 +146,8 @@ lf_tensor *lf_sample_maps(lf_tape *tape, int count, lf_tensor *const *maps, long
 #pragma omp parallel for schedule(static)
     for (long q = 0; q < points; q++)
         forward_point(s, count, maps, q, y);
+    if (lf_profiled(tape))
+        count_products(tape, count, maps, points * views, mask);
     lf_record(tape, "sample_maps", backward, s, count, maps, LF_OUT(y));
     return y;
 }

@@ -114,6 +114,10 @@ lf_tensor *lf_sample_views(lf_tape *tape, lf_tensor *maps, long views, const lf_
         sample_colour(view + i % views, uv + 2 * i, row);
         sample_features(s, maps, view + i % views, uv + 2 * i, row + 3);
     }
+    if (lf_profiled(tape)) {
+        const double seen = lf_present(points * views, mask);
+        lf_products(tape, 4 * seen * (double)cols, maps->wants ? 4 * seen * (double)channels : 0);
+    }
     lf_record(tape, "sample_views", backward, s, LF_IN(maps), LF_OUT(y));
     return y;
 }

@@ -132,6 +132,7 @@ lf_tensor *lf_sample_volume(lf_tape *tape, lf_tensor *x, long points, const doub
             for (long i = 0; i < c; i++)
                 row[i] += t.weight[k] * base[t.offset[k] + i];
     }
+    lf_products(tape, 8 * (double)y->size, x->wants ? 8 * (double)y->size : 0);
     lf_record(tape, "sample_volume", sample_backward, s, LF_IN(x), LF_OUT(y));
     return y;
 }

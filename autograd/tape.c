@@ -5,7 +5,7 @@
  * once and then never allocates.
  */
 #include <stdalign.h>
-#include "autograd/autograd.h"
+#include "autograd/profile_part.h"
 #include <sys/mman.h>
 
 enum {
@@ -41,6 +41,7 @@ struct lf_tape {
     lf_real *lane;
     long lane_first;
     char nonfinite[64];
+    lf_profile_part *part; /* of the profile that watches; or NULL */
 };
 
 /* From the system and back to it: malloc would keep joined blocks beside their successor. */
@@ -97,6 +98,8 @@ void lf_tape_reset(lf_tape *tape)
     tape->node_count = 0;
     tape->spares = 0;
     tape->nonfinite[0] = 0;
+    if (tape->part)
+        lf_part_reset(tape->part);
 }
 
 void lf_tape_set_grad(lf_tape *tape, bool on)
@@ -112,6 +115,16 @@ void lf_tape_set_check(lf_tape *tape, bool on)
 const char *lf_tape_nonfinite(const lf_tape *tape)
 {
     return tape->nonfinite[0] ? tape->nonfinite : NULL;
+}
+
+void lf_tape_set_part(lf_tape *tape, lf_profile_part *part)
+{
+    tape->part = part;
+}
+
+lf_profile_part *lf_tape_part(const lf_tape *tape)
+{
+    return tape->part;
 }
 
 void lf_tape_set_lane(lf_tape *tape, lf_real *lane, long first)
@@ -315,8 +328,11 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
             note_nonfinite(tape, "forward", op);
         out[i]->wants = wanted && tape->grad;
     }
-    if (wanted && tape->grad)
+    const bool kept = wanted && tape->grad;
+    if (kept)
         push(tape, &node);
+    if (tape->part)
+        lf_part_op(tape->part, op, kept ? tape->node_count - 1 : -1);
 }
 
 static void check_gradients(lf_tape *tape, const lf_node *node)
@@ -326,14 +342,14 @@ static void check_gradients(lf_tape *tape, const lf_node *node)
             note_nonfinite(tape, "backward", node->op);
 }
 
-/* Run one node if anything reached its outputs. */
-static void walk(lf_tape *tape, const lf_node *node)
+/* Run one node if anything reached its outputs; false: nothing did. */
+static bool walk(lf_tape *tape, const lf_node *node)
 {
     bool reached = false;
     for (int i = 0; i < node->n_out; i++)
         reached = reached || node->out[i]->grad;
     if (!reached)
-        return;
+        return false;
     for (int i = 0; i < node->n_out; i++)
         lf_grad(tape, node->out[i]);
     for (int i = 0; i < node->n_in; i++)
@@ -346,12 +362,16 @@ static void walk(lf_tape *tape, const lf_node *node)
         check_gradients(tape, node);
     for (int i = 0; i < node->n_out; i++)
         give_back(tape, node->out[i]);
+    return true;
 }
 
 void lf_backward_from(lf_tape *tape)
 {
+    if (tape->part)
+        lf_part_other(tape->part);
     for (long n = tape->node_count - 1; n >= 0; n--)
-        walk(tape, &tape->nodes[n]);
+        if (walk(tape, &tape->nodes[n]) && tape->part)
+            lf_part_backward(tape->part, n);
 }
 
 void lf_backward(lf_tape *tape, lf_tensor *loss, lf_real seed)

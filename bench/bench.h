@@ -62,9 +62,6 @@ void lf_bench_fill(long count, lf_real *x, double low, double high, uint64_t ite
 
 /* ---- limits ---------------------------------------------------------------------------------- */
 
-/* Do `steps` rounds of independent multiply-adds on each of `threads` threads: the flops done. */
-double lf_bench_fma(long steps, int threads);
-
 typedef enum lf_bench_stream {
     LF_STREAM_READ,
     LF_STREAM_COPY,

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "autograd/kernels/limit.h"
 #include "autograd/kernels/vector.h"
 #include "autograd/random.h"
 #include "bench/bench.h"
@@ -32,37 +33,6 @@ double lf_bench_now(void)
 
 /* ---- multiply-adds --------------------------------------------------------------------------- */
 
-/* Independent chains: more than latency times throughput of any CPU, fewer than its registers. */
-#if defined(__AVX512F__) || defined(__aarch64__)
-enum { CHAINS = 24 };
-#else
-enum { CHAINS = 12 };
-#endif
-
-/* sum <- sum * factor + term in every chain. The empty assembly makes factor and term unknown to
- * the compiler and the sums used, so that it can neither fold the loop nor drop it. */
-static void fma_chains(long steps)
-{
-    lf_vec sum[CHAINS], factor = lf_vec_all((lf_real)0.5), term = lf_vec_all(1);
-    __asm__ volatile("" : "+m"(factor), "+m"(term));
-    for (int i = 0; i < CHAINS; i++)
-        sum[i] = lf_vec_all((lf_real)i);
-    for (long s = 0; s < steps; s++) {
-#pragma GCC unroll 24
-        for (int i = 0; i < CHAINS; i++)
-            sum[i] = sum[i] * factor + term;
-    }
-    __asm__ volatile("" ::"m"(sum));
-}
-
-double lf_bench_fma(long steps, int threads)
-{
-#pragma omp parallel for num_threads(threads) schedule(static, 1)
-    for (int t = 0; t < threads; t++)
-        fma_chains(steps);
-    return 2.0 * CHAINS * LF_LANES * (double)steps * threads;
-}
-
 typedef struct fma_work {
     lf_bench_work base;
     int threads;
@@ -72,7 +42,7 @@ enum { STEPS = 1 << 16 };
 
 static void run_fma(lf_bench_work *work)
 {
-    lf_bench_fma(STEPS, ((fma_work *)work)->threads);
+    work->flop = lf_limit_run(STEPS, ((fma_work *)work)->threads);
 }
 
 static void close_plain(lf_bench_work *work)
@@ -85,7 +55,7 @@ static lf_bench_work *open_fma(const lf_bench_case *c)
     fma_work *w = lf_bench_room(1, sizeof *w);
     w->threads = c->variant ? c->variant : omp_get_max_threads();
     w->base = (lf_bench_work){.run = run_fma, .close = close_plain};
-    w->base.flop = 2.0 * CHAINS * LF_LANES * (double)STEPS * w->threads;
+    run_fma(&w->base); /* counts the operations */
     return &w->base;
 }
 

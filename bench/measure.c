@@ -4,6 +4,8 @@
 #include <limits.h>
 #include <omp.h>
 
+#include "autograd/kernels/limit.h"
+
 /* ---- limits ---------------------------------------------------------------------------------- */
 
 enum { BANDWIDTH_SAMPLES = 30 }; /* of a footprint, enough to see an undisturbed one */
@@ -43,9 +45,7 @@ static void see_bandwidth(lf_seen_limits *seen, int foot, int threads)
 
 void lf_see_limits(lf_seen_limits *seen, double bytes, int threads)
 {
-    const double start = lf_bench_now();
-    const double flop = lf_bench_fma(1 << 17, threads);
-    seen->fma = fmax(seen->fma, flop / (lf_bench_now() - start));
+    seen->fma = fmax(seen->fma, lf_limit_now(threads));
     const int foot = lf_foot_of(bytes);
     if (bytes > 0 && seen->samples[foot] < BANDWIDTH_SAMPLES)
         see_bandwidth(seen, foot, threads);
@@ -205,7 +205,7 @@ enum { SECONDS, FLOP, BYTES, FOOTPRINT, HELD, RESIDENT, BASE, KNOWN };
 void lf_bench_once(const lf_bench_case *c, bool large, lf_outputs *to)
 {
     const int runs = large ? 1 : 3;
-    lf_bench_fma(1, omp_get_max_threads()); /* starts the threads */
+    lf_limit_run(1, omp_get_max_threads()); /* starts the threads */
     const double base = resident();
     lf_bench_work *work = c->open(c);
     const double seconds = seconds_of(work, runs) / runs;

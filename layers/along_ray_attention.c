@@ -225,6 +225,18 @@ static const long *make_places(lf_tape *tape, const along *t)
     return place;
 }
 
+/* Between a sample and a key, as the formulas at the top first say it: c_k k, its product with q,
+ * c_v v and its sum, 6 a number; not the profile c of their distance. Back 12: dw and the gradients
+ * of both factors of every product. */
+static void count_products(lf_tape *tape, const along *t)
+{
+    const long samples = t->rays.samples;
+    double pairs = 0;
+    for (long i = 0; i < t->rays.rays * samples; i++)
+        pairs += t->rays.count->value[i] >= LF_KEY_VIEWS ? (double)samples : 0;
+    lf_products(tape, 6 * pairs * (double)t->n, 12 * pairs * (double)t->n);
+}
+
 /* Numbers of a head are [P, C / H]: plane 0 scalars, then real and imaginary parts by turns. */
 static const pair_number *make_pairs(lf_tape *tape, const along *t)
 {
@@ -265,6 +277,8 @@ lf_tensor *lf_along_ray_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_
         forward_point(t, &w, i, in, y->value + i * t->n);
     }
     lf_tape_release(tape, mark);
+    if (lf_profiled(tape))
+        count_products(tape, t);
     lf_record(tape, "along_ray_attention", backward, t, 5, in, 1, &y);
     return y;
 }

@@ -6,9 +6,8 @@
  * Keeps       the weights [G, H, W].
  * Degenerate  no view: zeros, no gradient. Huge logits: the largest is taken off first.
  */
-#include "layers/block_kernels.h"
+#include "layers/block_groups.h"
 #include "layers/heads.h"
-#include "layers/light_blocks.h"
 
 enum { W = LF_BLOCK_POINTS, HEADS = LF_HEAD_CHANNELS };
 
@@ -192,6 +191,10 @@ lf_attended lf_blocks_attention(lf_tape *tape, const lf_blocks *blocks, lf_tenso
     for (long b = 0; b < blocks->blocks; b++)
         forward_block(t, b, in, y.field->value + b * n * W);
     mean_weights(t, y.weight->value);
+    if (lf_profiled(tape)) { /* logits and sum; back dw, dq, dk, dval */
+        const double half = lf_blocks_pairs(blocks) * (double)n;
+        lf_products(tape, 2 * half, half * (1 + q->wants + k->wants + val->wants));
+    }
     lf_record(tape, "blocks_attention", backward, t, 3, in, 2, out);
     return y;
 }

@@ -158,6 +158,8 @@ lf_tensor *lf_blocks_gated(lf_tape *tape, const lf_types *types, lf_tensor *x, l
         lf_block_product(&p, n, gate);
         lf_group_gate(types->count, c, xg, gate, y->value + g * x->dim[2] * W);
     }
+    const double logits = (double)(groups * W) * (double)w->size;
+    lf_products(tape, logits, logits * (1 + w->wants));
     lf_record(tape, "blocks_gated", gated_backward, t, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

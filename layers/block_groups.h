@@ -14,6 +14,12 @@ static inline long lf_group_step(long n)
     return (n + (n + 1) % 2) * LF_BLOCK_POINTS;
 }
 
+/* Pairs of a point and a view that sees it. */
+static inline double lf_blocks_pairs(const lf_blocks *blocks)
+{
+    return lf_present(blocks->groups * LF_BLOCK_POINTS, blocks->mask);
+}
+
 /* How many of `left` groups are computed together. */
 static inline long lf_group_count(long left)
 {
@@ -27,6 +33,12 @@ typedef struct lf_group_map {
     lf_types types;
     long in, out; /* channels */
 } lf_group_map;
+
+/* Products of one point: complex ones are four real ones. */
+static inline double lf_group_map_products(const lf_group_map *m)
+{
+    return (1 + 4.0 * (m->types.count - 1)) * (double)(m->in * m->out);
+}
 
 /* y = or += (A + i B) x, or with `adjoint` the adjoint of it. */
 static inline void lf_group_map_apply(const lf_group_map *m, const lf_real *w, const lf_real *bias,

@@ -241,6 +241,7 @@ lf_tensor *lf_blocks_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor
     activate(x->dim[0] * out, act, y->value);
     lf_activation *saved = lf_alloc(tape, sizeof *saved);
     *saved = act;
+    lf_products_of(tape, (double)(x->dim[0] * W) * (double)w->size, x, w);
     lf_record(tape, "blocks_linear", linear_backward, saved, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }
@@ -285,6 +286,7 @@ lf_tensor *lf_blocks_map(lf_tape *tape, const lf_types *types, const lf_so2_map 
     for (long g = 0; g < groups; g++)
         lf_group_map_apply(m, w->value, b ? b->value : NULL, false, false, x->value + g * rx,
                            y->value + g * n * W);
+    lf_products_of(tape, (double)(groups * W) * lf_group_map_products(m), x, w);
     lf_record(tape, "blocks_map", map_backward, m, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

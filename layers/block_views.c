@@ -183,6 +183,18 @@ static void convolution_backward(const lf_node *node)
     add_weights(groups, t->hidden, t->h, nh, t->gates, da, in[5], in[6]);
 }
 
+/* A pair: m, h, a, and 3 a number for (1 + a) z m; back also into f, and into h but not the angle.
+ */
+static void count_convolution(lf_tape *tape, const turn *t, lf_tensor *const *in)
+{
+    const double map = (double)(t->in * t->n), turned = 3.0 * (double)t->n;
+    const double first = 3.0 * (double)t->hidden, second = (double)(t->hidden * t->gates);
+    const double pairs = lf_blocks_pairs(&t->blocks);
+    lf_products(tape, pairs * (map + turned + first + second),
+                pairs * (map * (in[0]->wants + in[1]->wants) + 2 * turned + first * in[3]->wants +
+                         second * (1 + in[5]->wants)));
+}
+
 lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
                                  const lf_ray_ray_convolution *layer, lf_tensor *f, bool mean)
 {
@@ -217,6 +229,8 @@ lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
             count = lf_group_count(blocks->first[b + 1] - g);
             forward_groups(t, b, g, count, in, y->value);
         }
+    if (lf_profiled(tape))
+        count_convolution(tape, t, in);
     lf_record(tape, "blocks_convolution", convolution_backward, t, 7, in, 1, &y);
     return y;
 }
@@ -337,6 +351,16 @@ static void update_backward(const lf_node *node)
         lf_block_sums(groups, row, t->to.out, node->out[0]->grad, in[7]->grad);
 }
 
+/* A pair: both maps and the gates' logits. */
+static void count_update(lf_tape *tape, const update *t, lf_tensor *const *in)
+{
+    const double from = lf_group_map_products(&t->from), to = lf_group_map_products(&t->to);
+    const double gates = (double)(t->gates * t->gates), pairs = lf_blocks_pairs(&t->blocks);
+    lf_products(tape, pairs * (from + gates + to),
+                pairs * (from * (in[0]->wants + in[2]->wants) + gates * (1 + in[4]->wants) +
+                         to * (1 + in[6]->wants)));
+}
+
 lf_tensor *lf_blocks_update(lf_tape *tape, const lf_blocks *blocks, const lf_view_update *layer,
                             lf_tensor *view, lf_tensor *q)
 {
@@ -372,6 +396,8 @@ lf_tensor *lf_blocks_update(lf_tape *tape, const lf_blocks *blocks, const lf_vie
             count = lf_group_count(blocks->first[b + 1] - g);
             update_groups(t, b, g, count, in, out->value);
         }
+    if (lf_profiled(tape))
+        count_update(tape, t, in);
     lf_record(tape, "blocks_update", update_backward, t, 8, in, 1, &out);
     return out;
 }

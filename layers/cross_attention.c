@@ -131,6 +131,11 @@ lf_attended lf_cross_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_ten
     lf_tensor *out[] = {y.field, y.weight};
     for (long p = 0; p < points; p++)
         forward_point(t, p, in, out);
+    if (lf_profiled(tape)) { /* logits and sum; back dw, dq, dk, dval */
+        const double seen = lf_present(rays->mask->size, rays->mask->value);
+        const double half = seen * (double)lf_cols(q);
+        lf_products(tape, 2 * half, half * (1 + q->wants + k->wants + val->wants));
+    }
     lf_record(tape, "cross_attention", backward, t, 3, in, 2, out);
     return y;
 }

@@ -162,6 +162,19 @@ static void forward(lf_lanes_product *job, const linear *t, lf_tensor *y, const 
     }
 }
 
+/* Of the pairs of a point and a view that sees it, or, in maps of points, of the points. */
+static void count_products(lf_tape *tape, const lf_lanes *lanes, int parts, lf_tensor *const *x,
+                           const lf_tensor *w)
+{
+    const double rows = x[0]->dim[0] == lanes->rows
+                            ? lf_present(lanes->mask->size, lanes->mask->value)
+                            : (double)lanes->points;
+    double back = w->wants ? (double)w->dim[0] : 0;
+    for (int k = 0; k < parts; k++)
+        back += x[k]->wants ? (double)x[k]->dim[1] : 0;
+    lf_products(tape, rows * (double)w->size, rows * back * (double)w->dim[1]);
+}
+
 lf_tensor *lf_lanes_linear(lf_tape *tape, int parts, lf_tensor *const *x, lf_tensor *w,
                            lf_tensor *b, lf_tensor *p, const lf_lanes *lanes, lf_activation act)
 {
@@ -192,6 +205,8 @@ lf_tensor *lf_lanes_linear(lf_tape *tape, int parts, lf_tensor *const *x, lf_ten
     linear *t = lf_alloc(tape, sizeof *t);
     *t = (linear){act, lf_lanes_keep(tape, lanes)};
     forward(&job, t, y, p);
+    if (lf_profiled(tape))
+        count_products(tape, lanes, parts, x, w);
     lf_record(tape, "lanes_linear", backward, t, PARTS + parts, in, LF_OUT(y));
     return y;
 }

@@ -194,6 +194,18 @@ static void attention_backward(const lf_node *node)
         backward_ray(t, node, ray, &m);
 }
 
+/* Logits of the queries that are not masked, and all sums; back dv, and da, dq, dk of the former.
+ */
+static void count_products(lf_tape *tape, const attention *t, lf_tensor *const *in)
+{
+    double queries = 0;
+    for (long i = 0; i < t->rays * t->samples; i++)
+        queries += t->count[i] >= LF_KEY_VIEWS;
+    const double one = (double)(t->samples * t->d), all = (double)(t->rays * t->samples);
+    lf_products(tape, one * (queries + all),
+                one * (all * in[2]->wants + queries * (1 + in[0]->wants + in[1]->wants)));
+}
+
 lf_tensor *lf_sample_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_tensor *value,
                                const lf_tensor *count, int heads)
 {
@@ -214,6 +226,8 @@ lf_tensor *lf_sample_attention(lf_tape *tape, lf_tensor *q, lf_tensor *k, lf_ten
     for (long ray = 0; ray < t->rays; ray++)
         forward_ray(t, ray, in, y->value, turned_k, turned_v);
     lf_tape_release(tape, mark);
+    if (lf_profiled(tape))
+        count_products(tape, t, in);
     lf_record(tape, "sample_attention", attention_backward, t, 3, in, LF_OUT(y));
     return y;
 }

@@ -219,6 +219,11 @@ lf_tensor *lf_ibrnet_moments(lf_tape *tape, lf_tensor *x, lf_tensor *w, const lf
     *t = (moments){*lanes, mean_weight};
     for (long b = 0; b < lanes->blocks; b++)
         moments_block(t, b, x, w->value, y);
+    if (lf_profiled(tape)) { /* w x, h^2 and w h^2, h = x - mean; back twice that */
+        const double pairs = lf_present(lanes->mask->size, lanes->mask->value);
+        const double products = 3 * pairs * (double)d;
+        lf_products_of(tape, products, x, w);
+    }
     lf_record(tape, "ibrnet_moments", moments_backward, t, LF_IN(x, w), LF_OUT(y));
     return y;
 }

@@ -290,6 +290,14 @@ static void require_shapes(const attention *t, lf_field q, lf_field kv)
                "lf_ray_attention: vectors of another shape than %ld x %ld", n, t->c1);
 }
 
+/* A ray and a half of its keys and values: logits and sum forward; back dw, dq, dk and dval. */
+static void count_products(lf_tape *tape, const attention *t, lf_field q, lf_field kv)
+{
+    const double seen = lf_present(t->rays.points * t->rays.views, t->rays.mask->value);
+    const double half = seen * (double)(t->c0 + 3 * t->c1);
+    lf_products(tape, 2 * half, half * (1 + q.scalar->wants + 2 * kv.scalar->wants));
+}
+
 lf_field lf_ray_attention(lf_tape *tape, lf_field q, lf_field kv, const lf_ray_geometry *rays,
                           int heads)
 {
@@ -312,6 +320,8 @@ lf_field lf_ray_attention(lf_tape *tape, lf_field q, lf_field kv, const lf_ray_g
         (t->in_lanes ? forward_lanes : forward_point)(
             t, p, in, o.scalar->value + p * t->c0, t->c1 ? o.vector->value + 3 * p * t->c1 : NULL);
     lf_tensor *out[] = {o.scalar, o.vector};
+    if (lf_profiled(tape))
+        count_products(tape, t, q, kv);
     lf_record(tape, "ray_attention", backward, t, 4, in, t->c1 ? 2 : 1, out);
     return o;
 }

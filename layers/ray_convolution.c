@@ -70,6 +70,10 @@ lf_field lf_ray_moments(lf_tape *tape, lf_tensor *r, const lf_ray_geometry *rays
                          m.vector->value + 3 * q * c);
     lf_ray_geometry *saved = lf_alloc(tape, sizeof *saved);
     *saved = *rays;
+    if (lf_profiled(tape)) {
+        const double seen = lf_present(rays->points * rays->views, rays->mask->value);
+        lf_products(tape, 4 * seen * (double)c, r->wants ? 4 * seen * (double)c : 0);
+    }
     lf_record(tape, "ray_moments", moments_backward, saved, LF_IN(r), LF_OUT(m.scalar, m.vector));
     return m;
 }

@@ -174,6 +174,8 @@ lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_
         scatter_add(n, co, ly, y->value + r * co);
     }
     lf_tape_release(tape, mark);
+    const double products = (1 + 4.0 * (types->count - 1)) * (double)(t->in * t->out);
+    lf_products_of(tape, (double)rows * products, x, w);
     lf_record(tape, "so2_linear", backward, t, LF_IN(x, w, b), LF_OUT(y));
     return y;
 }

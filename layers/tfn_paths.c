@@ -107,6 +107,17 @@ static void backward(const lf_node *node)
     }
 }
 
+/* A ray: 3 a channel for sqrt3 s d and for <d, v>, 6 for d x v, and 3 more for d <d, v>; the last
+ * one's adjoint has an inner product of its own. */
+static void count_products(lf_tape *tape, const paths *p, lf_field x)
+{
+    const double seen = lf_present(p->rays.points * p->rays.views, p->rays.mask->value);
+    const double c0 = (double)p->c0, c1 = (double)p->c1, degree2 = p->degree2 ? 3 : 0;
+    const double scalars = x.scalar->wants ? 3 * c0 : 0;
+    const double vectors = x.vector && x.vector->wants ? (9 + 2 * degree2) * c1 : 0;
+    lf_products(tape, seen * (3 * c0 + (9 + degree2) * c1), seen * (scalars + vectors));
+}
+
 lf_field lf_tfn_paths(lf_tape *tape, lf_field x, const lf_ray_geometry *rays, bool degree2)
 {
     paths *p = lf_alloc(tape, sizeof *p);
@@ -128,6 +139,8 @@ lf_field lf_tfn_paths(lf_tape *tape, lf_field x, const lf_ray_geometry *rays, bo
             memset(y1, 0, (size_t)(3 * vector_cols(p)) * sizeof *y1);
         }
     }
+    if (lf_profiled(tape))
+        count_products(tape, p, x);
     lf_record(tape, "tfn_paths", backward, p, LF_IN(x.scalar, x.vector),
               LF_OUT(y.scalar, y.vector));
     return y;

@@ -55,12 +55,15 @@ void lf_transformer_block_apply(lf_tape *tape, const lf_transformer_block *block
                                 lf_field *point, const lf_ray_geometry *geometry)
 {
     const lf_transformer_config *c = &block->config;
+    lf_scope(tape, "rays");
     lf_field hidden =
         add_point(tape, lf_self_interaction_apply(tape, &block->from_ray, *rays),
                   lf_self_interaction_apply(tape, &block->from_point, *point), geometry);
     hidden = lf_nonlinear_apply(tape, &block->nonlinear, hidden);
     *rays = lf_self_interaction_apply(tape, &block->out_ray, hidden);
+    lf_scope_end(tape);
 
+    lf_scope(tape, "attention");
     const lf_field paths = lf_tfn_paths(tape, *rays, geometry, c->degree2);
     lf_field kv = {lf_linear_apply(tape, &block->keys_values0, paths.scalar, LF_IDENTITY), NULL};
     if (block->has_vector)
@@ -74,4 +77,5 @@ void lf_transformer_block_apply(lf_tape *tape, const lf_transformer_block *block
     point->scalar = lf_add(tape, kept.scalar, mixed.scalar);
     if (block->has_vector)
         point->vector = lf_add(tape, kept.vector, mixed.vector);
+    lf_scope_end(tape);
 }

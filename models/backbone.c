@@ -80,15 +80,19 @@ int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *im
                        lf_tensor *maps[LF_BACKBONE_MAPS])
 {
     const lf_backbone_config *c = &backbone->config;
+    lf_scope(tape, "stem");
     lf_tensor *x = lf_unit_forward(tape, &backbone->stem, images, NULL, true, training);
     maps[0] = x;
     if (c->stem_pool)
         x = lf_max_pool(tape, x, 3, 2, 1);
+    lf_scope_end(tape);
     const lf_block *block = backbone->block;
     for (int s = 0; s < c->stages; s++) {
+        lf_scope(tape, "stage%d", s + 1);
         for (int i = 0; i < c->blocks[s]; i++)
             x = lf_block_forward(tape, block++, x, training);
         maps[s + 1] = x;
+        lf_scope_end(tape);
     }
     return c->stages + 1;
 }
@@ -98,10 +102,12 @@ int lf_backbone_scalars(lf_tape *tape, const lf_backbone *backbone, lf_tensor *c
 {
     const lf_backbone_config *c = &backbone->config;
     int count = 0;
+    lf_scope(tape, "heads");
     for (int m = c->stem_map ? 0 : 1; m <= c->stages; m++) {
         lf_tensor *x = c->c8 ? lf_group_sum(tape, inner[m], LF_C8) : inner[m];
         maps[count++] = lf_conv_layer_forward(tape, &backbone->head[m], x);
     }
+    lf_scope_end(tape);
     return count;
 }
 

@@ -74,11 +74,14 @@ static lf_tensor *recall(lf_tape *tape, const lf_recon *model, lf_tensor *object
     return lf_gather_rows(tape, object, p->count, lf_recon_objects(tape, p));
 }
 
-static lf_tensor *stream_apply(lf_tape *tape, const stream *s, lf_tensor *position,
-                               lf_tensor *features)
+static lf_tensor *stream_apply(lf_tape *tape, const char *name, const stream *s,
+                               lf_tensor *position, lf_tensor *features)
 {
-    lf_tensor *point = lf_relu(tape, lf_mlp_apply(tape, &s->point, position));
-    return lf_mlp_apply(tape, &s->decoder, lf_concat(tape, 2, (lf_tensor *[]){point, features}));
+    lf_scope(tape, "%s", name);
+    lf_tensor *x = lf_relu(tape, lf_mlp_apply(tape, &s->point, position));
+    x = lf_mlp_apply(tape, &s->decoder, lf_concat(tape, 2, (lf_tensor *[]){x, features}));
+    lf_scope_end(tape);
+    return x;
 }
 
 static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,
@@ -86,12 +89,17 @@ static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_input
 {
     (void)layers;
     const disn *net = model->net;
+    lf_scope(tape, "views");
     lf_tensor *position = lf_tensor_new(tape, 2, LF_DIMS(in->points->count, 3));
     for (long i = 0; i < position->size; i++) /* the object in a ball of radius 1, as in DISN */
         position->value[i] = (lf_real)(2 * in->points->position[i]);
     lf_tensor *local = lf_pool_views(tape, in->seen, in->rays.mask, LF_POOL_MAX);
-    return lf_add(tape, stream_apply(tape, &net->global, position, in->known),
-                  stream_apply(tape, &net->local, position, local));
+    lf_scope_end(tape);
+    lf_scope(tape, "streams");
+    lf_tensor *x = lf_add(tape, stream_apply(tape, "global", &net->global, position, in->known),
+                          stream_apply(tape, "local", &net->local, position, local));
+    lf_scope_end(tape);
+    return x;
 }
 
 static double stream_macs(const stream *s)

@@ -154,12 +154,17 @@ static lf_tensor *centred(lf_tape *tape, const lf_tensor *x)
 static lf_tensor *forward_small(lf_tape *tape, const lf_feature_net *net, lf_tensor *images)
 {
     const lf_feature_unit *u = net->unit;
+    lf_scope(tape, "down");
     lf_tensor *x = convolve(tape, &u[DOWN_1].conv, centred(tape, images), LF_ELU);
     lf_tensor *p = convolve(tape, &u[DOWN_2].conv, x, LF_ELU);
     lf_tensor *q = convolve(tape, &u[DOWN_3].conv, p, LF_ELU);
     q = convolve(tape, &u[DOWN_4].conv, q, LF_ELU);
+    lf_scope_end(tape);
+    lf_scope(tape, "up");
     x = convolve(tape, &u[JOIN].conv, joined(tape, q, p, false), LF_ELU);
-    return convolve(tape, &net->out.conv, x, LF_IDENTITY);
+    x = convolve(tape, &net->out.conv, x, LF_IDENTITY);
+    lf_scope_end(tape);
+    return x;
 }
 
 static lf_tensor *forward_block(lf_tape *tape, const lf_feature_block *block, lf_tensor *x)
@@ -186,16 +191,23 @@ static lf_tensor *forward_join(lf_tape *tape, const lf_feature_unit *up,
 static lf_tensor *forward_resnet(lf_tape *tape, const lf_feature_net *net, lf_tensor *images)
 {
     const lf_feature_unit *u = net->unit;
+    lf_scope(tape, "stem");
     lf_tensor *x = normed(tape, &u[STEM], images, NULL, true), *stage[LF_FEATURE_STAGES];
+    lf_scope_end(tape);
     const lf_feature_block *block = net->block;
     for (int s = 0; s < LF_FEATURE_STAGES; s++) {
+        lf_scope(tape, "stage%d", s + 1);
         for (int i = 0; i < net->config.layers[s]; i++)
             x = forward_block(tape, block++, x);
         stage[s] = x;
+        lf_scope_end(tape);
     }
+    lf_scope(tape, "up");
     x = forward_join(tape, &u[UP_3], &u[JOIN_3], x, stage[1]);
     x = forward_join(tape, &u[UP_2], &u[JOIN_2], x, stage[0]);
-    return convolve(tape, &net->out.conv, x, LF_IDENTITY);
+    x = convolve(tape, &net->out.conv, x, LF_IDENTITY);
+    lf_scope_end(tape);
+    return x;
 }
 
 lf_tensor *lf_feature_net_forward(lf_tape *tape, const lf_feature_net *net, lf_tensor *images)
@@ -207,6 +219,9 @@ lf_tensor *lf_feature_net_forward(lf_tape *tape, const lf_feature_net *net, lf_t
     LF_REQUIRE(d[1] >= smallest && d[2] >= smallest,
                "lf_feature_net_forward: images of %ld x %ld pixels, need %ld x %ld", d[1], d[2],
                smallest, smallest);
-    return net->config.kind == LF_FEATURES_SMALL ? forward_small(tape, net, images)
-                                                 : forward_resnet(tape, net, images);
+    lf_scope(tape, "features");
+    lf_tensor *maps = net->config.kind == LF_FEATURES_SMALL ? forward_small(tape, net, images)
+                                                            : forward_resnet(tape, net, images);
+    lf_scope_end(tape);
+    return maps;
 }

@@ -148,6 +148,7 @@ static lf_tensor *object(lf_tape *tape, const lf_recon *model, bool training,
                          const lf_recon_code *code, const lf_recon_points *grid)
 {
     const long n = model->grid, size = model->config.image_size;
+    lf_scope(tape, "samples");
     lf_tensor *mask = lf_tensor_new(tape, 2, LF_DIMS(grid->count, grid->views));
     for (long i = 0; i < mask->size; i++)
         mask->value[i] = grid->mask[i];
@@ -156,7 +157,11 @@ static lf_tensor *object(lf_tape *tape, const lf_recon *model, bool training,
     x = lf_pool_views(tape, x, mask, LF_POOL_MEAN);
     x = lf_concat(tape, 2, (lf_tensor *[]){x, place_code(tape, grid->count, grid->position)});
     x = lf_reshape(tape, x, 5, LF_DIMS(grid->count / (n * n * n), n, n, n, lf_cols(x)));
-    return u_net(tape, model, x, training);
+    lf_scope_end(tape);
+    lf_scope(tape, "volume");
+    x = u_net(tape, model, x, training);
+    lf_scope_end(tape);
+    return x;
 }
 
 /* ---- points ---- */
@@ -173,10 +178,15 @@ static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_input
 {
     (void)layers;
     const fvor *net = model->net;
+    lf_scope(tape, "views");
     lf_tensor *pixel = lf_pool_views(tape, in->seen, in->rays.mask, LF_POOL_MEAN);
     lf_tensor *code = place_code(tape, in->points->count, in->points->position);
-    return lf_mlp_apply(tape, &net->decoder,
-                        lf_concat(tape, 3, (lf_tensor *[]){in->known, pixel, code}));
+    lf_tensor *x = lf_concat(tape, 3, (lf_tensor *[]){in->known, pixel, code});
+    lf_scope_end(tape);
+    lf_scope(tape, "decoder");
+    x = lf_mlp_apply(tape, &net->decoder, x);
+    lf_scope_end(tape);
+    return x;
 }
 
 /* ---- cost ---- */

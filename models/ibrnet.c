@@ -72,13 +72,16 @@ static lf_tensor *position_code(lf_tape *tape, const lf_lanes *lanes, long n)
 static lf_tensor *along_ray(lf_tape *tape, const lf_ibrnet *net, lf_tensor *x,
                             const lf_tensor *count)
 {
+    lf_scope(tape, "along ray");
     lf_tensor *q = lf_linear_apply(tape, &net->query, x, LF_IDENTITY);
     lf_tensor *k = lf_linear_apply(tape, &net->key, x, LF_IDENTITY);
     lf_tensor *v = lf_linear_apply(tape, &net->value, x, LF_IDENTITY);
     lf_tensor *heard = lf_sample_attention(tape, q, k, v, count, HEADS);
     heard = lf_linear_apply(tape, &net->join, heard, LF_IDENTITY);
-    return lf_layer_norm(tape, lf_add(tape, x, heard), lf_param(tape, net->gain),
-                         lf_param(tape, net->bias));
+    x = lf_layer_norm(tape, lf_add(tape, x, heard), lf_param(tape, net->gain),
+                      lf_param(tape, net->bias));
+    lf_scope_end(tape);
+    return x;
 }
 
 static lf_tensor *density(lf_tape *tape, const lf_ibrnet *net, lf_tensor *point,
@@ -113,13 +116,20 @@ lf_radiance lf_ibrnet_apply(lf_tape *tape, const lf_ibrnet *net, const lf_ray_in
     LF_REQUIRE(in->difference && lf_cols(in->seen) == net->config.inputs,
                "IBRNet: %ld numbers a sample and view for %ld; differences: %s", lf_cols(in->seen),
                net->config.inputs, in->difference ? "given" : "missing");
+    lf_scope(tape, "directions");
     const lf_lanes lanes = lf_lanes_make(tape, in->geometry->mask, in->difference);
     lf_tensor *turned = lf_leaf(tape, 3, lanes.difference->dim, lanes.difference->value, NULL);
     lf_tensor *w = lf_ibrnet_weights(tape, lf_param(tape, net->sharpness), &lanes);
+    lf_scope_end(tape);
     const lf_ibrnet_aggregated x =
         lf_ibrnet_aggregate(tape, &net->views, in->seen, turned, w, &lanes);
-    return (lf_radiance){colour(tape, net, &x, turned, in->seen, &lanes),
-                         density(tape, net, x.point, &lanes, in->geometry->count)};
+    lf_scope(tape, "colour");
+    lf_tensor *blend = colour(tape, net, &x, turned, in->seen, &lanes);
+    lf_scope_end(tape);
+    lf_scope(tape, "density");
+    lf_tensor *sigma = density(tape, net, x.point, &lanes, in->geometry->count);
+    lf_scope_end(tape);
+    return (lf_radiance){blend, sigma};
 }
 
 double lf_ibrnet_macs(const lf_ibrnet *net, long samples, long views)

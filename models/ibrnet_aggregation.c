@@ -63,17 +63,26 @@ lf_ibrnet_aggregated lf_ibrnet_aggregate(lf_tape *tape, const lf_ibrnet_aggregat
                                          lf_tensor *seen, lf_tensor *direction, lf_tensor *weight,
                                          const lf_lanes *lanes)
 {
+    lf_scope(tape, "directions");
     lf_tensor *f = lf_lanes_add_rows(
         tape, seen, two_maps(tape, net->direction, direction, lanes, LF_ELU), lanes);
+    lf_scope_end(tape);
+    lf_scope(tape, "base");
     lf_tensor *moments = lf_ibrnet_moments(tape, f, weight, lanes, false);
     lf_tensor *x = base_maps(tape, net->base, f, moments, lanes);
+    lf_scope_end(tape);
+    lf_scope(tape, "visibility");
     lf_tensor *r = two_maps(tape, net->visibility, lf_lanes_scale(tape, x, weight), lanes, LF_ELU);
     const lf_ibrnet_residual updated = lf_ibrnet_residual_apply(tape, x, r, lanes);
     const lf_ibrnet_visibility again = lf_ibrnet_visibility_apply(
         tape, two_maps(tape, net->again, updated.visible, lanes, LF_IDENTITY), lanes);
+    lf_scope_end(tape);
+    lf_scope(tape, "point");
     moments = lf_ibrnet_moments(tape, updated.x, again.weight, lanes, true);
-    return (lf_ibrnet_aggregated){updated.x, again.visibility,
-                                  two_maps(tape, net->point, moments, lanes, LF_ELU)};
+    const lf_ibrnet_aggregated y = {updated.x, again.visibility,
+                                    two_maps(tape, net->point, moments, lanes, LF_ELU)};
+    lf_scope_end(tape);
+    return y;
 }
 
 /* ---- cost ---- */

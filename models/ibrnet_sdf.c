@@ -44,15 +44,20 @@ static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_input
     const ibrnet_sdf *net = model->net;
     const long points = in->points->count, views = in->points->views;
     const lf_tensor *mask = in->rays.mask;
+    lf_scope(tape, "directions");
     const lf_lanes lanes =
         lf_lanes_make(tape, lf_leaf(tape, 3, LF_DIMS(points, 1, views), mask->value, NULL), NULL);
     lf_tensor *direction = lf_lanes_add_rows(tape, directions(tape, in->points), NULL, &lanes);
     lf_tensor *weight = lf_ibrnet_even_weights(tape, &lanes);
+    lf_scope_end(tape);
     const lf_ibrnet_aggregated x =
         lf_ibrnet_aggregate(tape, &net->views, in->seen, direction, weight, &lanes);
+    lf_scope(tape, "head");
     lf_tensor *y = lf_lanes_to_rows(tape, x.point, &lanes);
-    return lf_mlp_apply(tape, &net->head,
-                        lf_reshape(tape, y, 2, LF_DIMS(points, model->config.width)));
+    y = lf_mlp_apply(tape, &net->head,
+                     lf_reshape(tape, y, 2, LF_DIMS(points, model->config.width)));
+    lf_scope_end(tape);
+    return y;
 }
 
 static void cost(const lf_recon *model, long views, lf_recon_cost *cost)

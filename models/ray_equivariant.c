@@ -93,16 +93,27 @@ lf_radiance lf_ray_equivariant_apply(lf_tape *tape, const lf_ray_equivariant *ne
                    lf_cols(in->seen) == net->config.inputs,
                "ray_equivariant: %d types, %ld numbers a view, not %d and %ld", rays->types.count,
                lf_cols(in->seen), net->config.types.count, net->config.inputs);
+    lf_scope(tape, "blocks");
     const lf_blocks blocks = lf_blocks_make(tape, rays);
     lf_tensor *f = lf_blocks_of_views(tape, &blocks, in->seen);
+    lf_scope_end(tape);
+    lf_scope(tape, "ray convolution");
     lf_tensor *x = lf_blocks_convolution(tape, &blocks, &net->convolution, f, true);
     x = norm(tape, net, 0, x);
+    lf_scope_end(tape);
+    lf_scope(tape, "cross attention");
     const lf_attended a = lf_blocks_cross(tape, &blocks, &net->cross, f, x);
     x = norm(tape, net, 1, a.field);
+    lf_scope_end(tape);
+    lf_scope(tape, "along ray");
     if (net->config.along_ray)
         x = norm(tape, net, 2, lf_add(tape, x, lf_blocks_along(tape, &blocks, &net->along, x)));
-    return (lf_radiance){lf_blend_columns(tape, a.weight, in->seen, LF_RGB),
-                         density(tape, net, &blocks, x)};
+    lf_scope_end(tape);
+    lf_scope(tape, "readout");
+    const lf_radiance radiance = {lf_blend_columns(tape, a.weight, in->seen, LF_RGB),
+                                  density(tape, net, &blocks, x)};
+    lf_scope_end(tape);
+    return radiance;
 }
 
 /* Of a map within each type from ci to co channels: complex products are four real ones. */

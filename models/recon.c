@@ -109,17 +109,23 @@ void lf_recon_encode_images(lf_tape *tape, const lf_recon *model, lf_tensor *ima
                             const lf_recon_points *grid, bool training, lf_recon_code *code)
 {
     const lf_recon_network *network = model->config.network;
+    lf_scope(tape, "images");
     lf_tensor *view = network->view ? network->view(tape, model, images) : images;
+    lf_scope_end(tape);
     LF_REQUIRE(views >= 1 && images->dim[0] % views == 0, "%ld images of objects in %ld views",
                images->dim[0], views);
     *code = (lf_recon_code){.views = views};
+    lf_scope(tape, "backbone");
     code->inner_maps = lf_backbone_fields(tape, &model->backbone, view, training, code->inner);
     code->maps = lf_backbone_scalars(tape, &model->backbone, code->inner, code->map);
+    lf_scope_end(tape);
     if (model->config.sample_image)
         code->map[code->maps++] = images;
     LF_REQUIRE(model->grid == 0 || grid, "a network with a grid is not told how views see it");
+    lf_scope(tape, "object");
     if (network->object)
         code->object = network->object(tape, model, training, code, grid);
+    lf_scope_end(tape);
 }
 
 /* ---- points ---- */
@@ -140,12 +146,14 @@ lf_recon_inputs lf_recon_look(lf_tape *tape, const lf_recon *model, const lf_rec
 {
     const lf_recon_network *network = model->config.network;
     const long size = model->config.image_size;
+    lf_scope(tape, "samples");
     lf_recon_inputs in = {.rays = rays_of(tape, points), .points = points};
     in.seen =
         lf_sample_maps(tape, code->maps, (lf_tensor *const *)code->map, size, size, points->count,
                        points->views, points->uv, in.rays.mask->value, points->first);
     if (network->recall)
         in.known = network->recall(tape, model, code->object, points);
+    lf_scope_end(tape);
     return in;
 }
 

@@ -100,9 +100,20 @@ static lf_tensor *invariants(lf_tape *tape, const equivariant *net, const lf_fie
     }
     if (!net->has_readout)
         return lf_concat(tape, count, scalars);
+    lf_scope(tape, "invariants");
     lf_tensor *all = lf_concat(tape, count, vectors);
     scalars[count] = lf_vector_neuron_apply(tape, &net->readout, all);
-    return lf_concat(tape, count + 1, scalars);
+    all = lf_concat(tape, count + 1, scalars);
+    lf_scope_end(tape);
+    return all;
+}
+
+static lf_tensor *read_out(lf_tape *tape, const equivariant *net, lf_tensor *x)
+{
+    lf_scope(tape, "head");
+    x = lf_mlp_apply(tape, &net->head, x);
+    lf_scope_end(tape);
+    return x;
 }
 
 static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_inputs *in,
@@ -112,19 +123,27 @@ static lf_tensor *sdf(lf_tape *tape, const lf_recon *model, const lf_recon_input
     const equivariant *net = model->net;
     const lf_ray_geometry *rays = &in->rays;
     lf_tensor *ray = in->seen; /* 5a.3 */
+    lf_scope(tape, "rays");
     if (c->depth_octaves)
         ray = lf_concat(tape, 2, (lf_tensor *[]){in->seen, depth_code(tape, model, in->points)});
+    if (c->max_pool)
+        ray = lf_pool_views(tape, ray, rays->mask, LF_POOL_MAX);
+    lf_scope_end(tape);
     if (c->max_pool) /* 5a.10 */
-        return lf_mlp_apply(tape, &net->head, lf_pool_views(tape, ray, rays->mask, LF_POOL_MAX));
-    lf_field point = lf_ray_convolution_apply(tape, &net->convolution, ray, rays); /* 5a.4 */
+        return read_out(tape, net, ray);
+    lf_scope(tape, "ray convolution"); /* 5a.4 */
+    lf_field point = lf_ray_convolution_apply(tape, &net->convolution, ray, rays);
+    lf_scope_end(tape);
     lf_field on_rays = {ray, NULL}, kept[LF_RECON_LAYERS] = {point};
     for (int b = 0; b < c->blocks; b++) { /* 5a.5 */
+        lf_scope(tape, "block%d", b);
         lf_transformer_block_apply(tape, &net->block[b], &on_rays, &point, rays);
+        lf_scope_end(tape);
         kept[b + 1] = point;
     }
     for (int i = 0; layers && i <= c->blocks; i++)
         layers[i] = kept[i];
-    return lf_mlp_apply(tape, &net->head, invariants(tape, net, kept, c->blocks + 1)); /* 5a.6 */
+    return read_out(tape, net, invariants(tape, net, kept, c->blocks + 1)); /* 5a.6 */
 }
 
 /* Products of one block a point with V views. */

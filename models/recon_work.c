@@ -85,6 +85,13 @@ static int workers(void)
     return omp_get_max_threads() < LF_RECON_LANES ? omp_get_max_threads() : LF_RECON_LANES;
 }
 
+void lf_recon_work_watch(lf_recon_work *work, lf_profile *profile)
+{
+    lf_profile_watch(profile, work->features, 0);
+    for (int l = 0; l < LF_RECON_LANES; l++)
+        lf_profile_watch(profile, work->worker[l], workers());
+}
+
 static lf_tensor *image_leaf(lf_recon_work *work, const lf_recon_images *images)
 {
     const lf_recon_config *c = &work->model->config;
@@ -134,7 +141,9 @@ static double run_tile(const batch *b, lf_tape *tape, const lane *l, long from, 
     const lf_recon_points points = lf_recon_slice(b->points, from, count);
     const lf_recon_inputs in = rows_of(tape, &b->in, &points, from);
     lf_tensor *x = lf_recon_sdf(tape, b->work->model, &in, NULL);
+    lf_scope(tape, "loss");
     lf_tensor *loss = lf_sdf_loss(tape, x, b->sdf + from, b->loss);
+    lf_scope_end(tape);
     lf_backward(tape, loss, (lf_real)(1 / (double)b->points->count));
     return (double)loss->value[0];
 }
@@ -143,7 +152,9 @@ static void run_lane(const batch *b, lf_tape *tape, int number)
 {
     lane *l = &b->work->lane[number];
     const long tile = b->work->tile, count = b->points->count, tiles = (count + tile - 1) / tile;
+    lf_scope(tape, "lanes");
     memset(l->grad, 0, (size_t)b->work->head_size * sizeof *l->grad);
+    lf_scope_end(tape);
     l->loss = 0;
     l->nonfinite[0] = 0;
     for (long t = number; t < tiles; t += LF_RECON_LANES) {
@@ -178,10 +189,14 @@ double lf_recon_step(lf_recon_work *work, const lf_recon_images *images,
     lf_grad(work->features, b.in.seen); /* tiles add to their own rows of it */
     if (b.in.known)
         lf_grad(work->features, b.in.known);
+    lf_scope(work->features, LF_SCOPE_TEAM);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
     for (int l = 0; l < LF_RECON_LANES; l++)
         run_lane(&b, work->worker[omp_get_thread_num()], l);
+    lf_scope_end(work->features);
+    lf_scope(work->features, "lanes");
     const double total = reduce_lanes(work);
+    lf_scope_end(work->features);
     lf_backward_from(work->features);
     return total / (double)points->count;
 }

@@ -8,6 +8,7 @@
 #ifndef LF_MODELS_RECON_WORK_H
 #define LF_MODELS_RECON_WORK_H
 
+#include "autograd/profile.h"
 #include "models/recon.h"
 
 enum { LF_RECON_LANES = 8 };
@@ -29,6 +30,10 @@ lf_recon_work *lf_recon_work_create(const lf_recon *model, long tile);
 void lf_recon_work_free(lf_recon_work *work);
 /* Check every op for NaN and infinities: slower. See lf_recon_nonfinite. */
 void lf_recon_work_check(lf_recon_work *work, bool on);
+/* Put down in `profile` what later steps do, with as many threads as there are now; NULL: no
+ * longer.
+ */
+void lf_recon_work_watch(lf_recon_work *work, lf_profile *profile);
 /* The first op that produced one in the last step ("forward of softmax"), or NULL. */
 const char *lf_recon_nonfinite(const lf_recon_work *work);
 /* Bytes of all tapes, lanes and buffers at their largest. */

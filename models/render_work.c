@@ -55,6 +55,13 @@ void lf_render_work_check(lf_render_work *w, bool on)
         lf_tape_set_check(w->worker[l], on);
 }
 
+void lf_render_work_watch(lf_render_work *w, lf_profile *profile)
+{
+    lf_profile_watch(profile, w->features, 0);
+    for (int l = 0; l < LF_RENDER_LANES; l++)
+        lf_profile_watch(profile, w->worker[l], lf_render_workers());
+}
+
 static bool is_forward(const char *found)
 {
     return found && strncmp(found, "forward", 7) == 0;
@@ -136,7 +143,9 @@ void lf_render_maps(lf_render_work *w, long views, const lf_source *source)
     w->maps_size = 0;
     const long each = together ? views : 1;
     for (long b = 0; b < w->batches; b++) {
+        lf_scope(w->features, "pictures");
         lf_tensor *x = pictures(w->features, each, source + b);
+        lf_scope_end(w->features);
         w->map[b] = lf_feature_net_forward(w->features, &w->model->features, x);
         place_maps(w, w->map[b], b * each, each);
     }
@@ -145,8 +154,10 @@ void lf_render_maps(lf_render_work *w, long views, const lf_source *source)
         w->maps = room((size_t)w->maps_size * sizeof *w->maps);
         w->maps_room = w->maps_size;
     }
+    lf_scope(w->features, "maps");
     for (long b = 0, at = 0; b < w->batches; at += w->map[b++]->size)
         memcpy(w->maps + at, w->map[b]->value, (size_t)w->map[b]->size * sizeof *w->maps);
+    lf_scope_end(w->features);
 }
 
 /* ---- one network on one tile ------------------------------------------------------------------
@@ -175,22 +186,31 @@ lf_passed lf_render_pass(lf_tape *tape, const lf_render_work *w, const lf_ray_ti
                          lf_tensor *maps)
 {
     const long channels = w->model->config.channels, points = t->count * t->samples;
+    lf_scope(tape, network == LF_COARSE ? "coarse" : "fine");
+    lf_scope(tape, "geometry");
     const lf_seen_samples seen =
         lf_see_samples(tape, t->rays, t->from, t->count, t->samples, t->depth, w->views, w->source);
     lf_passed p = {.geometry = geometry_of(tape, w, t, &seen)};
+    const lf_tensor *difference =
+        w->model->config.equivariant
+            ? NULL
+            : lf_ray_differences(tape, t->rays, t->from, t->count, t->samples, &seen, w->views);
+    lf_scope_end(tape);
+    lf_scope(tape, "samples");
     lf_tensor *y = lf_sample_views(tape, maps, w->views, w->view, network * channels, channels,
                                    points, seen.uv, p.geometry->mask->value);
     const lf_ray_inputs in = {
         lf_reshape(tape, y, 4, LF_DIMS(t->count, t->samples, w->views, LF_RGB + channels)),
-        p.geometry,
-        w->model->config.equivariant
-            ? NULL
-            : lf_ray_differences(tape, t->rays, t->from, t->count, t->samples, &seen, w->views)};
+        p.geometry, difference};
+    lf_scope_end(tape);
     const lf_radiance radiance = lf_renderer_radiance(tape, w->model, network, &in);
+    lf_scope(tape, "volume");
     lf_tensor *depth = lf_tensor_new(tape, 2, LF_DIMS(t->count, t->samples));
     for (long i = 0; i < points; i++)
         depth->value[i] = (lf_real)t->depth[i];
     p.rendered = lf_volume(tape, radiance.sigma, radiance.colour, depth, t->white);
+    lf_scope_end(tape);
+    lf_scope_end(tape);
     return p;
 }
 
@@ -218,6 +238,7 @@ static void draw_ray(const step *s, lf_tape *tape, long ray)
     const long samples = w->model->config.samples;
     double *depth = s->depth + ray * samples;
     lf_stream stream = stream_of(s->batch, ray, LF_COARSE);
+    lf_scope(tape, "places");
     lf_strata(samples, s->batch->rays.near, s->batch->rays.far, &stream, depth);
     lf_tape_reset(tape);
     const lf_seen_samples seen =
@@ -230,6 +251,16 @@ static void draw_ray(const step *s, lf_tape *tape, long ray)
         good += views >= LF_KEY_VIEWS;
     }
     s->counts[ray] = good > s->batch->seen_samples;
+    lf_scope_end(tape);
+}
+
+static lf_tensor *loss_of(const step *s, lf_tape *tape, const lf_passed *p, long from)
+{
+    lf_scope(tape, "loss");
+    lf_tensor *loss =
+        lf_squared_error(tape, p->rendered.colour, s->batch->colour + 3 * from, s->counts + from);
+    lf_scope_end(tape);
+    return loss;
 }
 
 static double refine_rays(const step *s, lf_tape *tape, const lf_ray_tile *coarse,
@@ -237,18 +268,19 @@ static double refine_rays(const step *s, lf_tape *tape, const lf_ray_tile *coars
 {
     const lf_renderer_config *c = &s->work->model->config;
     const long all = c->samples + c->fine;
+    lf_scope(tape, "places");
     double *depth = lf_alloc(tape, (size_t)(coarse->count * all) * sizeof *depth);
     for (long i = 0; i < coarse->count; i++) {
         lf_stream stream = stream_of(s->batch, coarse->from + i, LF_FINE);
         lf_refine(c->samples, coarse->depth + i * c->samples, weight + i * c->samples, c->fine,
                   &stream, depth + i * all);
     }
+    lf_scope_end(tape);
     lf_ray_tile fine = *coarse;
     fine.samples = all;
     fine.depth = depth;
     const lf_passed p = lf_render_pass(tape, s->work, &fine, LF_FINE, maps);
-    *loss = lf_squared_error(tape, p.rendered.colour, s->batch->colour + 3 * fine.from,
-                             s->counts + fine.from);
+    *loss = loss_of(s, tape, &p, fine.from);
     return (double)(*loss)->value[0];
 }
 
@@ -262,8 +294,7 @@ static double run_tile(const step *s, lf_tape *tape, const lf_render_lane *l, lo
     const lf_ray_tile t = {&s->batch->rays,           from,           count, samples,
                            s->depth + from * samples, s->batch->white};
     const lf_passed p = lf_render_pass(tape, w, &t, LF_COARSE, maps);
-    lf_tensor *loss =
-        lf_squared_error(tape, p.rendered.colour, s->batch->colour + 3 * from, s->counts + from);
+    lf_tensor *loss = loss_of(s, tape, &p, from);
     double error = (double)loss->value[0];
     if (w->model->networks > 1) {
         lf_tensor *fine;
@@ -291,7 +322,9 @@ static void run_lane(const step *s, lf_tape *tape, int number)
 {
     lf_render_lane *l = &s->work->lane[number];
     const long rays = s->work->tile, count = s->batch->rays.count;
+    lf_scope(tape, "lanes");
     clear_lane(s->work, l);
+    lf_scope_end(tape);
     for (long t = number; t * rays < count; t += LF_RENDER_LANES) {
         const long from = t * rays, left = count - from;
         l->loss += run_tile(s, tape, l, from, left < rays ? left : rays);
@@ -324,9 +357,11 @@ static double reduce_lanes(const lf_render_work *w)
 static void draw_rays(step *s)
 {
     const long count = s->batch->rays.count;
+    lf_scope(s->work->features, LF_SCOPE_TEAM);
 #pragma omp parallel for schedule(static) num_threads(lf_render_workers())
     for (long r = 0; r < count; r++)
         draw_ray(s, s->work->worker[omp_get_thread_num()], r);
+    lf_scope_end(s->work->features);
     for (long r = 0; r < count; r++)
         s->counted += s->counts[r] > 0;
 }
@@ -347,10 +382,14 @@ double lf_render_step(lf_render_work *work, const lf_render_batch *batch, long *
         *counted = s.counted;
     if (s.counted == 0)
         return 0;
+    lf_scope(work->features, LF_SCOPE_TEAM);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(lf_render_workers())
     for (int l = 0; l < LF_RENDER_LANES; l++)
         run_lane(&s, work->worker[omp_get_thread_num()], l);
+    lf_scope_end(work->features);
+    lf_scope(work->features, "lanes");
     const double total = reduce_lanes(work);
+    lf_scope_end(work->features);
     lf_backward_from(work->features);
     return total / (3.0 * (double)s.counted);
 }

@@ -8,6 +8,7 @@
 #ifndef LF_MODELS_RENDER_WORK_H
 #define LF_MODELS_RENDER_WORK_H
 
+#include "autograd/profile.h"
 #include "models/ray_samples.h"
 #include "models/renderer.h"
 
@@ -20,6 +21,10 @@ lf_render_work *lf_render_work_create(const lf_renderer *model, long tile);
 void lf_render_work_free(lf_render_work *work);
 /* Check every op for NaN and infinities: slower. */
 void lf_render_work_check(lf_render_work *work, bool on);
+/* Put down in `profile` what later steps do, with as many threads as there are now; NULL: no
+ * longer.
+ */
+void lf_render_work_watch(lf_render_work *work, lf_profile *profile);
 /* The first op that produced one in the last step ("forward of softmax"), or NULL. */
 const char *lf_render_nonfinite(const lf_render_work *work);
 /* Bytes of all tapes, lanes and buffers at their largest. */

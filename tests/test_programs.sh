@@ -49,6 +49,10 @@ expect 2 'one config is enough' "$train" a.ini b.ini
 expect 2 'leave the config out' "$train" tiny.ini --resume x
 expect 2 '--threads many: give a number from 1' "$train" tiny.ini --threads many
 expect 2 '--threads 0: give a number from 1' "$eval" --threads 0
+expect 2 '--profile 0: give a number from 1' "$train" tiny.ini --profile 0
+expect 2 '--profile many: give a number from 1' "$train" tiny.ini --profile=many
+expect 2 '--out none: --profile writes no run' "$train" tiny.ini --profile --out none
+expect 2 '--count trains nothing' "$train" tiny.ini --count --profile
 expect 2 'nonsense is not a job' "$eval" nonsense
 expect 2 '--split all: give train, val or test' "$eval" --checkpoint x --split all
 expect 2 '--shapes 0: give a number' "$eval" --checkpoint x --shapes 0
@@ -62,7 +66,7 @@ done
 expect 0 'longest edge' "$eval" --help # the definitions of the metrics
 # every option that a program takes stands in its help
 for program in train eval; do
-    options=$(sed -nE 's/.*\{"([a-z-]+)", (no|required)_argument.*/\1/p' "$source/$program/"*.c)
+    options=$(grep -hoE '\{"[a-z-]+", (no|required|optional)_argument' "$source/$program/"*.c | cut -d '"' -f 2)
     [ "$(echo "$options" | wc -l)" -ge 10 ] || fail "options of elf-$program are not found"
     "${!program}" --help >out 2>err
     for option in $options; do
@@ -99,6 +103,15 @@ for config in "$source"/configs/*.ini; do
     case $config in */render*) continue ;; esac # test_render_programs.sh
     expect 2 'no such folder of data|nowhere' "$train" "$config" --out none --set data.root=nowhere
 done
+
+### A profile
+
+expect 0 '^block0/rays +[0-9.]+ +[0-9.]+ ' "$train" tiny.ini --profile 2 --json p.json
+for key in model threads limit_gflops step tape_mb parts ops parts_and_ops forward_ms limit_share mb; do
+    grep -q "\"$key\":" p.json || fail "no $key in a profile"
+done
+grep -q '"part": "backbone/stage2"' p.json && grep -q '"op": "conv2d"' p.json || fail "no parts or ops in a profile"
+[ -e runs ] && fail "a profile leaves a run folder"
 
 ### Counting
 
@@ -137,6 +150,9 @@ expect 2 'compare-meshes|two meshes|A B' "$eval" compare-meshes "$truth"
 expect 2 'nothere\.ply' "$eval" compare-meshes "$truth" nothere.ply
 expect 2 'tiny\.ini' "$eval" compare-meshes "$truth" tiny.ini
 expect 0 'signed distance' "$eval" --checkpoint "$(checkpoint run 6)" --check-equivariance 1 --shapes 1 --json q.json
+cp run/metrics.jsonl before.jsonl
+expect 0 '^head ' "$train" --profile 1 --resume run --set train.lr=1e-3
+cmp before.jsonl run/metrics.jsonl || fail "a profile writes to the run that it starts from"
 grep -q '"quarter":' q.json || fail "no quarter turns in the report on equivariance"
 expect 2 'setting' "$eval" --checkpoint run --setting X
 for keys in model.backbone=plain,model.plain_channels=3 model.fusion=max-pool model.vectors=0 model.type=ibrnet-sdf \

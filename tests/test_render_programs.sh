@@ -59,6 +59,10 @@ expect 2 'means nothing to make-scene' "$eval" make-scene diffuse --out x --dens
 
 ### Training and resuming
 
+for type in renderer ibrnet; do
+    expect 0 '^coarse/volume +[0-9.]+ +[0-9.]+ ' "$train" tiny.ini --profile 2 --set model.type=$type
+done
+[ -e runs ] && fail "a profile leaves a run folder"
 expect 0 'validation loss' "$train" tiny.ini --out whole
 expect 0 'validation: on training views of 2 scenes of 2' "$train" tiny.ini --out said
 grep -q '"val_split": *"train"' whole/metrics.jsonl || fail "metrics do not say what is validated on"

@@ -32,7 +32,10 @@ static void print_help(FILE *out)
         "  --check-finite    look for NaN and infinities after every op and name the first "
         "(slower)\n"
         "  --count           print parameters and operations of the model's parts; train nothing\n"
-        "  --json FILE       with --count: write them to FILE, too\n"
+        "  --profile [N]     instead of training, print where time and memory of a step go, by "
+        "part\n"
+        "                    of the model and by op, of the fastest quarter of N steps (20)\n"
+        "  --json FILE       with --count or --profile: write it to FILE, too\n"
         "  --quiet           print only what went wrong\n"
         "  --help-config     print every key with type, range, default and meaning\n"
         "  --help, --version\n"
@@ -49,13 +52,24 @@ enum { MOST_SETS = 256 };
 typedef struct arguments {
     const char *config, *out, *resume, *json, *set[MOST_SETS];
     int sets, threads;
+    long profile; /* steps; 0: none */
     bool quiet, overfit, check_finite, count, done;
 } arguments;
 
-static lf_status parse_option(arguments *a, int option, lf_error *err)
+static lf_status parse_number(const char *option, const char *text, long most, long *n,
+                              lf_error *err)
 {
     char *end;
-    long n;
+    const long found = strtol(text, &end, 10);
+    if (*end || end == text || found < 1 || found > most)
+        return lf_fail(err, LF_BAD_INPUT, "%s %s: give a number from 1 to %ld", option, text, most);
+    *n = found;
+    return LF_OK;
+}
+
+static lf_status parse_option(arguments *a, int option, lf_error *err)
+{
+    long n = 0;
     switch (option) {
     case 'o':
         a->out = optarg;
@@ -69,9 +83,7 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
         a->set[a->sets++] = optarg;
         return LF_OK;
     case 't':
-        n = strtol(optarg, &end, 10);
-        if (*end || end == optarg || n < 1 || n > 1024)
-            return lf_fail(err, LF_BAD_INPUT, "--threads %s: give a number from 1 to 1024", optarg);
+        LF_TRY(parse_number("--threads", optarg, 1024, &n, err));
         a->threads = (int)n;
         return LF_OK;
     case 'c':
@@ -89,6 +101,9 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
     case 'f':
         a->check_finite = true;
         return LF_OK;
+    case 'p':
+        a->profile = 20;
+        return optarg ? parse_number("--profile", optarg, 1000, &a->profile, err) : LF_OK;
     case 'h':
         print_help(stdout);
         break;
@@ -105,24 +120,43 @@ static lf_status parse_option(arguments *a, int option, lf_error *err)
     return LF_OK;
 }
 
+/* The number of --profile N stands apart or not at all; what is no number is a config. */
+static void take_number(int argc, char **argv)
+{
+    if (!optarg && optind < argc && argv[optind][0] >= '0' && argv[optind][0] <= '9')
+        optarg = argv[optind++];
+}
+
+/* What is asked instead of a training. */
+static lf_status check_jobs(const arguments *a, lf_error *err)
+{
+    if (a->json && !a->count && !a->profile)
+        return lf_fail(err, LF_BAD_INPUT, "--json means nothing without --count or --profile");
+    if (a->count && (a->resume || a->out || a->overfit || a->check_finite || a->profile))
+        return lf_fail(err, LF_BAD_INPUT,
+                       "--count trains nothing: give a config, --set and --json alone");
+    if (a->profile && a->out)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "--out %s: --profile writes no run; leave it out, or see --json", a->out);
+    return LF_OK;
+}
+
 static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
 {
-    static const struct option options[] = {{"out", required_argument, NULL, 'o'},
-                                            {"resume", required_argument, NULL, 'r'},
-                                            {"set", required_argument, NULL, 's'},
-                                            {"threads", required_argument, NULL, 't'},
-                                            {"count", no_argument, NULL, 'c'},
-                                            {"json", required_argument, NULL, 'j'},
-                                            {"quiet", no_argument, NULL, 'q'},
-                                            {"overfit", no_argument, NULL, 'O'},
-                                            {"check-finite", no_argument, NULL, 'f'},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"help-config", no_argument, NULL, 'H'},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {NULL, 0, NULL, 0}};
+    static const struct option options[] = {
+        {"out", required_argument, NULL, 'o'},  {"resume", required_argument, NULL, 'r'},
+        {"set", required_argument, NULL, 's'},  {"threads", required_argument, NULL, 't'},
+        {"count", no_argument, NULL, 'c'},      {"profile", optional_argument, NULL, 'p'},
+        {"json", required_argument, NULL, 'j'}, {"quiet", no_argument, NULL, 'q'},
+        {"overfit", no_argument, NULL, 'O'},    {"check-finite", no_argument, NULL, 'f'},
+        {"help", no_argument, NULL, 'h'},       {"help-config", no_argument, NULL, 'H'},
+        {"version", no_argument, NULL, 'v'},    {NULL, 0, NULL, 0}};
     int option;
-    while (!a->done && (option = getopt_long(argc, argv, "h", options, NULL)) != -1)
+    while (!a->done && (option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
+        if (option == 'p')
+            take_number(argc, argv);
         LF_TRY(parse_option(a, option, err));
+    }
     if (a->done)
         return LF_OK;
     if (optind < argc)
@@ -133,11 +167,7 @@ static lf_status parse(int argc, char **argv, arguments *a, lf_error *err)
     if (!a->config && !a->resume)
         return lf_fail(err, LF_BAD_INPUT,
                        "no config given; try elf-train configs/reconstruct-tiny.ini");
-    if (a->json && !a->count)
-        return lf_fail(err, LF_BAD_INPUT, "--json means nothing without --count");
-    if (a->count && (a->resume || a->out || a->overfit || a->check_finite))
-        return lf_fail(err, LF_BAD_INPUT,
-                       "--count trains nothing: give a config, --set and --json alone");
+    LF_TRY(check_jobs(a, err));
     if (a->config && a->resume)
         return lf_fail(err, LF_BAD_INPUT,
                        "%s and --resume: a resumed run has its config in the checkpoint; leave the "
@@ -180,6 +210,8 @@ static lf_status train(const arguments *a, const lf_config *cfg, lf_train_option
     options->overfit = a->overfit;
     options->check_finite = a->check_finite;
     options->stop = &stop_asked;
+    options->profile = a->profile;
+    options->json = a->json;
     catch_signals();
     return lf_train(cfg, options, err);
 }
@@ -215,7 +247,7 @@ static lf_status resume_found(const arguments *a, const lf_found *found, lf_erro
                                 .start = state,
                                 .fresh = a->out != NULL};
     lf_status status = apply_sets(a, cfg, err);
-    if (status == LF_OK && !options.out)
+    if (status == LF_OK && !options.out && !a->profile)
         status =
             lf_fail(err, LF_BAD_INPUT, "%s is not in a run's folder: give --out for the new run",
                     found->checkpoint);

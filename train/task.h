@@ -9,7 +9,7 @@
 
 #include <jansson.h>
 
-#include "autograd/autograd.h"
+#include "autograd/profile.h"
 #include "configs/configs.h"
 
 typedef struct lf_task_options {
@@ -59,6 +59,10 @@ struct lf_task {
     /* Forward and backward: gradients in the store, the mean loss in *loss; *data_seconds: what was
      * not computing. LF_BAD_INPUT, LF_FAILED: the data cannot be read. */
     lf_status (*step)(void *self, long step, double *loss, double *data_seconds, lf_error *err);
+    /* Put down in `profile` where later steps spend their time; NULL: no longer. */
+    void (*watch)(void *self, lf_profile *profile);
+    /* Bytes of tapes and lanes at their largest. */
+    size_t (*work_bytes)(const void *self);
     /* Add what the task counts to a line of metrics.jsonl, and begin to count anew; may be NULL. */
     void (*log)(void *self, json_t *line);
     /* The first op of the last step that was not finite, or NULL. */

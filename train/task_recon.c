@@ -190,6 +190,18 @@ static lf_status run_step(void *self, long step, double *loss, double *data_seco
     return LF_OK;
 }
 
+static void watch(void *self, lf_profile *profile)
+{
+    const recon_task *t = self;
+    lf_recon_work_watch(t->work, profile);
+}
+
+static size_t work_bytes(const void *self)
+{
+    const recon_task *t = self;
+    return lf_recon_work_bytes(t->work);
+}
+
 static const char *nonfinite(const void *self)
 {
     const recon_task *t = self;
@@ -240,6 +252,8 @@ void lf_task_recon(const lf_config *cfg, const lf_task_options *options, lf_task
                      .open = open_data,
                      .print_plan = print_plan,
                      .step = run_step,
+                     .watch = watch,
+                     .work_bytes = work_bytes,
                      .nonfinite = nonfinite,
                      .validates = validates,
                      .validate = validate,

@@ -98,6 +98,18 @@ static lf_status run_step(void *self, long step, double *loss, double *data_seco
     return LF_OK;
 }
 
+static void watch(void *self, lf_profile *profile)
+{
+    const render_task *t = self;
+    lf_render_work_watch(t->work, profile);
+}
+
+static size_t work_bytes(const void *self)
+{
+    const render_task *t = self;
+    return lf_render_work_bytes(t->work);
+}
+
 /* Rays that too few views see do not count in the loss; which share does is written down. */
 static void log_rays(void *self, json_t *line)
 {
@@ -304,6 +316,8 @@ void lf_task_render(const lf_config *cfg, const lf_task_options *options, lf_tas
                      .open = open_data,
                      .print_plan = print_plan,
                      .step = run_step,
+                     .watch = watch,
+                     .work_bytes = work_bytes,
                      .log = log_rays,
                      .nonfinite = nonfinite,
                      .validates = validates,

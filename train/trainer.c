@@ -1,6 +1,9 @@
 /* trainer.c: the training loop. See trainer.h. */
 #include <math.h>
+#include <omp.h>
 
+#include "autograd/kernels/limit.h"
+#include "train/profile_report.h"
 #include "train/progress.h"
 #include "train/run_dir.h"
 #include "train/schedule.h"
@@ -47,7 +50,7 @@ static lf_status check_start(trainer *t, lf_error *err)
 {
     if (t->options->resume)
         LF_TRY(lf_checkpoint_read(t->options->resume, t->store, &t->adam, err));
-    if (t->options->resume && !t->options->fresh)
+    if (t->options->profile || (t->options->resume && !t->options->fresh))
         return LF_OK;
     return lf_run_vacant(t->options->out, err);
 }
@@ -173,17 +176,32 @@ static lf_status after_step(trainer *t, double lr, double norm, lf_error *err)
     return LF_OK;
 }
 
+/* Batch, forward and backward, update. */
+static lf_status compute_step(trainer *t, double lr, double *loss, double *norm,
+                              lf_step_times *times, lf_error *err)
+{
+    const double start = lf_seconds_now();
+    copy_statistics(t, false);
+    LF_TRY(t->task.step(t->task.self, t->options->overfit ? 0 : t->state.step, loss, &times->data,
+                        err));
+    const double computed = lf_seconds_now();
+    LF_TRY(update(t, *loss, lr, norm, err));
+    t->state.step++;
+    const double end = lf_seconds_now();
+    times->compute = computed - start - times->data;
+    times->update = end - computed;
+    times->all = end - start;
+    return LF_OK;
+}
+
 static lf_status one_step(trainer *t, lf_error *err)
 {
-    const double lr = lf_learning_rate(t->cfg, t->state.step), start = lf_seconds_now();
-    double loss, norm, data_seconds;
-    copy_statistics(t, false);
-    LF_TRY(t->task.step(t->task.self, t->options->overfit ? 0 : t->state.step, &loss, &data_seconds,
-                        err));
-    LF_TRY(update(t, loss, lr, &norm, err));
-    t->state.step++;
-    t->data_seconds += data_seconds;
-    t->step_seconds += lf_seconds_now() - start - data_seconds;
+    const double lr = lf_learning_rate(t->cfg, t->state.step);
+    double loss, norm;
+    lf_step_times times;
+    LF_TRY(compute_step(t, lr, &loss, &norm, &times, err));
+    t->data_seconds += times.data;
+    t->step_seconds += times.compute + times.update;
     t->state.loss_sum += loss;
     t->state.loss_steps++;
     t->validated = false;
@@ -223,11 +241,78 @@ static lf_status loop(trainer *t, lf_error *err)
     return save(t, err);
 }
 
+/* ---- instead of training ---- */
+
+enum { WARM_UP = 5, LIMIT_RUNS = 100, LIMIT_RUNS_A_STEP = 4 };
+
+/* At the start, and between the steps: a machine that others use is seldom undisturbed. */
+static double measure_limit(int runs, double limit)
+{
+    for (int i = 0; i < runs; i++)
+        limit = fmax(limit, lf_limit_now(omp_get_max_threads()));
+    return limit;
+}
+
+/* Steps that change the parameters, as in training; put down in `step` unless it is NULL. */
+static lf_status measured_steps(trainer *t, long steps, lf_measured_step *step, double *limit,
+                                lf_error *err)
+{
+    for (long i = 0; i < steps; i++) {
+        double loss, norm;
+        lf_step_times times;
+        if (interrupted(t))
+            return lf_fail(err, LF_STOPPED, "stopped; a profile of fewer steps is not printed");
+        t->task.watch(t->task.self, step ? step[i].profile : NULL);
+        const lf_status status =
+            compute_step(t, lf_learning_rate(t->cfg, t->state.step), &loss, &norm, &times, err);
+        t->task.watch(t->task.self, NULL);
+        LF_TRY(status);
+        if (step)
+            step[i].seconds = times;
+        *limit = measure_limit(LIMIT_RUNS_A_STEP, *limit);
+    }
+    return LF_OK;
+}
+
+static lf_status profile_steps(trainer *t, lf_measured_step *step, lf_error *err)
+{
+    lf_step_profile p = {.model = lf_config_choice(t->cfg, "model.type"),
+                         .warm_up = WARM_UP,
+                         .all = t->options->profile,
+                         .threads = omp_get_max_threads(),
+                         .limit = measure_limit(LIMIT_RUNS, 0)};
+    LF_TRY(measured_steps(t, WARM_UP, NULL, &p.limit, err));
+    LF_TRY(measured_steps(t, p.all, step, &p.limit, err));
+    p.tapes = t->task.work_bytes(t->task.self);
+    p.rss_mb = lf_peak_rss_mb();
+    lf_step_profile_choose(&p, step);
+    lf_step_profile_print(stdout, &p);
+    return t->options->json ? lf_step_profile_write(t->options->json, &p, err) : LF_OK;
+}
+
+static lf_status profile(trainer *t, lf_error *err)
+{
+    const long steps = t->options->profile;
+    LF_TRY(t->task.open(t->task.self, err));
+    t->progress = lf_progress_start(stdout, "step", 0, steps, t->options->quiet);
+    lf_measured_step *step = calloc((size_t)steps, sizeof *step);
+    LF_REQUIRE(step, "out of memory for %ld steps", steps);
+    for (long i = 0; i < steps; i++)
+        step[i].profile = lf_profile_create();
+    const lf_status status = profile_steps(t, step, err);
+    for (long i = 0; i < steps; i++)
+        lf_profile_free(step[i].profile);
+    free(step);
+    return status;
+}
+
 static lf_status train_all(trainer *t, lf_error *err)
 {
     build_model(t);
     LF_TRY(t->task.check(t->task.self, err));
     LF_TRY(check_start(t, err));
+    if (t->options->profile)
+        return profile(t, err);
     const long steps = lf_config_int(t->cfg, "train.steps");
     if (t->options->resume && !t->options->fresh && t->state.step >= steps) {
         if (!t->options->quiet)

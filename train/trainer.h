@@ -18,6 +18,8 @@ typedef struct lf_train_options {
     bool fresh;              /* resume into a new run folder instead of the checkpoint's own */
     bool quiet, overfit, check_finite;
     const volatile sig_atomic_t *stop; /* set by the user's interrupt; may be NULL */
+    long profile;     /* steps to measure (profile_report.h), writing no run; 0: train */
+    const char *json; /* where to write the profile, too; or NULL */
 } lf_train_options;
 
 /* Train to the last step. LF_STOPPED: interrupted, the checkpoint is saved. LF_FAILED: too many bad
