@@ -27,9 +27,9 @@ void lf_results_print_counts(const lf_results *r, FILE *out)
                 "| size | system | config | parameters | GFLOP forward | with backward | a step |\n"
                 "|---|---|---|---|---|---|---|\n",
                 out);
-        fprintf(out, "| %s | %s | %s %s | %lld | %.2f | %.2f | %s |\n", c->size, c->system,
-                c->config, c->keys, (long long)c->parameters, 1e-9 * c->flop_forward,
-                1e-9 * c->flop, c->of);
+        fprintf(out, "| %s | %s | %s%s%s | %lld | %.2f | %.2f | %s |\n", c->size, c->system,
+                c->config, *c->keys ? " " : "", c->keys, (long long)c->parameters,
+                1e-9 * c->flop_forward, 1e-9 * c->flop, c->of);
     }
     if (counts == 0)
         fputs("not run\n", out);
@@ -128,7 +128,8 @@ static summary summary_of(const lf_results *r, long first)
 
 static void print_run(const lf_result *a, const summary *s, FILE *out)
 {
-    fprintf(out, "| %s, %s | %s | %s %s |", a->size, a->data, a->system, a->config, a->keys);
+    fprintf(out, "| %s, %s | %s | %s%s%s |", a->size, a->data, a->system, a->config,
+            *a->keys ? " " : "", a->keys);
     print_range(s->steps, out);
     print_range(s->pixels, out);
     print_range(s->train, out);
@@ -152,11 +153,14 @@ static void print_size_keys(const lf_results *r, FILE *out)
             first = !same_size_keys(&r->result[j], a);
         if (!first)
             continue;
-        fprintf(out, "\n- %s, %s: `%s`", a->size, a->system,
-                *a->size_keys ? a->size_keys : "nothing");
+        fprintf(out, "\n- %s, %s", a->size, a->system);
         for (long j = i + 1; j < r->count; j++)
             if (same_size_keys(&r->result[j], a) && new_system(r, j))
-                fprintf(out, "; %s the same", r->result[j].system);
+                fprintf(out, ", %s", r->result[j].system);
+        if (*a->size_keys)
+            fprintf(out, ": `%s`", a->size_keys);
+        else
+            fputs(": none", out);
     }
     fputs(r->count ? "\n" : "", out);
 }

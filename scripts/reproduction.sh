@@ -41,7 +41,7 @@ size_keys() {
         test) echo train.steps=2 data.val_shapes=0 data.shapes=2 data.image_size=33 data.supersample=1 data.draws=1 \
             data.points_uniform=300 data.points_near=300 data.test_shapes=1 train.points_per_shape=32 \
             eval.resolution=16 eval.coarse=8 eval.points=500 ;;
-        quick) echo train.steps=2000 data.val_shapes=0 data.shapes=150 data.test_shapes=8 data.draws=2 \
+        quick) echo train.steps=1500 data.val_shapes=0 data.shapes=150 data.test_shapes=8 data.draws=2 \
             data.points_uniform=3000 data.points_near=3000 eval.resolution=64 ;;
         small | paper) widths "$1" ;;
         esac ;;

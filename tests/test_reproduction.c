@@ -114,7 +114,7 @@ static void test_means_and_spread(void **state)
     assert_has(page, "| R | paper | 26.90 / 0.100 |\n| | elf | not run |\n");
     assert_has(
         page,
-        "| tiny, built-in | ours | c  | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | 200 | abc |");
+        "| tiny, built-in | ours | c | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | 200 | abc |");
     assert_has(page, "- tiny, ours: `a.b=1`\n");
     free(page);
 }
