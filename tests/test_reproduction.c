@@ -77,21 +77,25 @@ static char *page_of(const folder *f)
 {
     lf_results r;
     lf_error err = {""};
-    char *page;
-    size_t size;
+    char *page = NULL;
+    size_t size = 0;
     if (lf_results_read(f->path, &r, &err) != LF_OK)
         fail_msg("%s", err.text);
     FILE *out = open_memstream(&page, &size);
+    assert_non_null(out);
     lf_results_print(&r, out);
     fclose(out);
     lf_results_free(&r);
+    if (!page)
+        fail_msg("no page");
     return page;
 }
 
 static void assert_has(const char *page, const char *words)
 {
-    if (!strstr(page, words))
-        fail_msg("no \"%s\" in:\n%s", words, page);
+    if (page && strstr(page, words))
+        return;
+    fail_msg("no \"%s\" in:\n%s", words, page ? page : "nothing");
 }
 
 static void assert_refused(const folder *f, const char *words)
