@@ -109,11 +109,24 @@ static lf_status run(const char *path, char *const argv[], lf_error *err)
     return finish(path, result, text, err);
 }
 
+static volatile sig_atomic_t interrupted; /* a signal handler has no other way */
+
+static void on_interrupt(int number)
+{
+    (void)number;
+    interrupted = 1;
+}
+
+/* A Ctrl-C that comes before the child is there, or when it has just ended, counts as well. */
 lf_status lf_child_run(const char *path, char *const argv[], lf_error *err)
 {
-    struct sigaction before, ignore = {.sa_handler = SIG_IGN};
-    sigaction(SIGINT, &ignore, &before);
+    struct sigaction before, keep = {.sa_handler = on_interrupt, .sa_flags = SA_RESTART};
+    sigaction(SIGINT, NULL, &before);
+    if (before.sa_handler == SIG_IGN)
+        return run(path, argv, err);
+    interrupted = 0;
+    sigaction(SIGINT, &keep, NULL);
     const lf_status status = run(path, argv, err);
     sigaction(SIGINT, &before, NULL);
-    return status;
+    return status == LF_OK && interrupted ? lf_fail(err, LF_STOPPED, "stopped") : status;
 }
