@@ -35,18 +35,18 @@ lf_status lf_speed_error(const lf_config *cfg, const lf_speed_options *options, 
 
 struct lf_speed_setting;
 
-/* Programs and a folder for the results of one after the other. */
+/* The programs that are started. */
 typedef struct lf_speed_runner {
     const lf_speed_options *options;
     char *program[2]; /* in float, in double */
-    char folder[64];
 } lf_speed_runner;
 
-/* Find both programs and make a temporary folder, which lf_speed_runner_close removes. */
+/* Find both programs. */
 lf_status lf_speed_runner_open(const lf_speed_options *options, lf_speed_runner *out,
                                lf_error *err);
 void lf_speed_runner_close(lf_speed_runner *runner);
-/* Evaluate the items in a setting, in a new process; the caller frees the results. */
+/* Evaluate the items in a setting, in a new process; the caller frees the results. They come
+ * through a folder in /tmp that is there meanwhile only. */
 lf_status lf_speed_run(const lf_speed_runner *runner, const struct lf_speed_setting *setting,
                        lf_raw **out, lf_error *err);
 

@@ -13,16 +13,30 @@ lf_status lf_speed_runner_open(const lf_speed_options *options, lf_speed_runner 
     lf_status status = lf_child_find("elf-eval", &out->program[0], err);
     if (status == LF_OK)
         status = lf_child_find("elf-eval-f64", &out->program[1], err);
-    snprintf(out->folder, sizeof out->folder, P_tmpdir "/elf-speed-error-%ld-XXXXXX",
-             (long)getpid());
-    if (status == LF_OK && !mkdtemp(out->folder))
-        status = lf_fail(err, LF_FAILED, "cannot make a temporary folder in " P_tmpdir ": %s",
-                         strerror(errno));
-    if (status == LF_OK)
-        return LF_OK;
-    out->folder[0] = 0;
-    lf_speed_runner_close(out);
+    if (status != LF_OK)
+        lf_speed_runner_close(out);
     return status;
+}
+
+void lf_speed_runner_close(lf_speed_runner *r)
+{
+    free(r->program[0]);
+    free(r->program[1]);
+    *r = (lf_speed_runner){0};
+}
+
+/* ---- the folder of the results ----------------------------------------------------------------
+ */
+
+enum { FOLDER = 64 };
+
+static lf_status make_folder(char folder[FOLDER], lf_error *err)
+{
+    snprintf(folder, FOLDER, P_tmpdir "/elf-speed-error-%ld-XXXXXX", (long)getpid());
+    if (mkdtemp(folder))
+        return LF_OK;
+    return lf_fail(err, LF_FAILED, "cannot make a temporary folder in " P_tmpdir ": %s",
+                   strerror(errno));
 }
 
 /* With what a program left that was ended while it wrote. */
@@ -36,14 +50,8 @@ static void remove_folder(const char *folder)
     rmdir(folder);
 }
 
-void lf_speed_runner_close(lf_speed_runner *r)
-{
-    if (r->folder[0])
-        remove_folder(r->folder);
-    free(r->program[0]);
-    free(r->program[1]);
-    *r = (lf_speed_runner){0};
-}
+/* ---- the command ------------------------------------------------------------------------------
+ */
 
 /* A command line whose words are owned. */
 typedef struct command {
@@ -93,13 +101,14 @@ lf_status lf_speed_run(const lf_speed_runner *r, const lf_speed_setting *s, lf_r
                        lf_error *err)
 {
     command c = {{0}, 0};
-    char file[128];
-    snprintf(file, sizeof file, "%s/raw.safetensors", r->folder);
+    char folder[FOLDER], file[FOLDER + 24];
+    LF_TRY(make_folder(folder, err));
+    snprintf(file, sizeof file, "%s/raw.safetensors", folder);
     make_command(r, s, file, &c);
     lf_status status = lf_child_run(r->program[s->f64], c.word, err);
     if (status == LF_OK)
         status = lf_raw_read(file, out, err);
-    unlink(file);
+    remove_folder(folder);
     for (int i = 0; i < c.words; i++)
         free(c.word[i]);
     return status == LF_OK ? LF_OK : lf_error_context(err, status, "the setting '%s'", s->name);
