@@ -110,12 +110,17 @@ runs_of() {
         return ;;
     counts) return ;;
     esac
+    present=""
     for category in $categories; do
         [ $shapes = built-in ] || [ -d "$data/shapes/$category" ] || {
             echo "reproduce: $data/shapes has no $category: left out" >&2
             continue
         }
-        for pair in $settings; do
+        present="$present $category"
+    done
+    # what fills the most columns comes first
+    for pair in $settings; do
+        for category in $present; do
             for system in $systems; do
                 echo "$shapes $system $category ${pair%:*} ${pair#*:}"
             done
