@@ -180,6 +180,10 @@ double lf_present(long n, const lf_real *mask);
  * reuses their memory as soon as their node has run, so a gradient is gone after the walk; those of
  * leaves and parameters, which are the caller's, stay. */
 lf_real *lf_grad(lf_tape *tape, lf_tensor *t);
+/* The same in the place of the values, not zeroed: for a caller that has no further use for these
+ * and writes every number of the gradient. Neither may the op that made the tensor need its values
+ * in the backward, nor may t be a view, a leaf or have a gradient already. NULL if it wants none. */
+lf_real *lf_grad_in_place(lf_tape *tape, lf_tensor *t);
 
 /* Add d(loss)/d(tensor) to the grad of every tensor the loss depends on; loss has one element and
  * `seed` is its own gradient (1, or a weight). */

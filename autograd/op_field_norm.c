@@ -150,6 +150,7 @@ static void find_statistics(lf_tape *tape, kept *k, const lf_real *x)
             spread(k, 0, f, (double)k->o.running_mean[f], (double)k->o.running_var[f]);
         return;
     }
+    const lf_mark mark = lf_tape_mark(tape);
     const size_t bytes = (size_t)(k->images * k->channels) * sizeof(double);
     double *sum = lf_alloc(tape, bytes), *mean = lf_alloc(tape, bytes);
     double *variance = lf_alloc(tape, bytes);
@@ -163,6 +164,7 @@ static void find_statistics(lf_tape *tape, kept *k, const lf_real *x)
         for (long n = 0; n < k->images; n++)
             for (long f = 0; f < k->fields; f++)
                 spread(k, part(k, n), f, mean[n * k->fields + f], variance[n * k->fields + f]);
+    lf_tape_release(tape, mark);
 }
 
 /* y = act((x - mean) scale + shift + r) on `rows` rows; mean, scale, shift a channel, r or NULL. */

@@ -271,6 +271,13 @@ lf_real *lf_grad(lf_tape *tape, lf_tensor *t)
     return t->grad = zeroed(tape, t->size);
 }
 
+lf_real *lf_grad_in_place(lf_tape *tape, lf_tensor *t)
+{
+    (void)tape;
+    LF_REQUIRE(!t->of && !t->grad, "a gradient in the place of %s", t->of ? "a view" : "values");
+    return t->grad = t->wants ? t->value : NULL;
+}
+
 /* The node that made t has run: nobody asks for t's gradient any more. */
 static void give_back(lf_tape *tape, lf_tensor *t)
 {

@@ -9,7 +9,6 @@
  * the eight adjacent numbers t[8 - r + a]; no number is gathered one by one, and the transpose adds
  * into the same places.
  *
- * Keeps      w and the basis table.
  * Cost       2 count flops a number of the filter, forward and backward.
  * Threads    input fields are independent.
  */
@@ -21,19 +20,14 @@ typedef lf_real vec
 
 enum { DOUBLED = 2 * LF_C8, PART = 8 /* members whose sums fit in registers */ };
 
-typedef struct shape {
-    long pixels, count, in, out,
-        turns; /* in, out: fields; turns: 8 orientations of the input or 1 */
-} shape;
-
-static shape shape_of(const lf_c8_basis *basis, const lf_tensor *w)
+/* Numbers of t of one input field. */
+static long doubled(const lf_c8_filter *s)
 {
-    return (shape){(long)basis->size * basis->size, basis->count, w->dim[1], w->dim[0],
-                   w->rank == 4 ? LF_C8 : 1};
+    return s->out * s->count * DOUBLED;
 }
 
 /* t[out][count][16] of input field i; a lift has the same weight for every orientation. */
-static void unfold(const shape *s, const lf_real *w, long i, lf_real *t)
+static void unfold(const lf_c8_filter *s, const lf_real *w, long i, lf_real *t)
 {
     for (long o = 0; o < s->out; o++) {
         const lf_real *from = w + (o * s->in + i) * s->turns * s->count;
@@ -44,7 +38,7 @@ static void unfold(const shape *s, const lf_real *w, long i, lf_real *t)
 }
 
 /* The transpose: dw of input field i += what was added into t. */
-static void fold(const shape *s, const lf_real *t, long i, lf_real *dw)
+static void fold(const lf_c8_filter *s, const lf_real *t, long i, lf_real *dw)
 {
     for (long o = 0; o < s->out; o++) {
         lf_real *to = dw + (o * s->in + i) * s->turns * s->count;
@@ -58,11 +52,11 @@ static void fold(const shape *s, const lf_real *t, long i, lf_real *dw)
  * them, f at pixel 0. Called with constant counts and widths, so that the weights stay in registers
  * and each basis vector is read once for all `width`. */
 __attribute__((always_inline)) static inline void
-expand_some(const shape *s, long count, long width, const lf_real *restrict table,
+expand_some(const lf_c8_filter *s, long count, long width, const lf_real *restrict table,
             const lf_real *restrict t, lf_real *restrict f)
 {
     const long pixel = s->in * s->turns * s->out * LF_C8;
-    for (long p = 0; p < s->pixels; p++, table += count * LF_C8, f += pixel) {
+    for (long p = 0; p < s->size * s->size; p++, table += count * LF_C8, f += pixel) {
         vec sum[2] = {{0}, {0}};
         for (long b = 0; b < count; b++)
             for (long o = 0; o < width; o++)
@@ -75,7 +69,7 @@ expand_some(const shape *s, long count, long width, const lf_real *restrict tabl
 
 /* The transpose: dt += what df holds of the same numbers. `count` members from b on. */
 __attribute__((always_inline)) static inline void
-reduce_some(const shape *s, long count, long width, const lf_real *restrict table,
+reduce_some(const lf_c8_filter *s, long count, long width, const lf_real *restrict table,
             const lf_real *restrict df, lf_real *restrict dt)
 {
     const long pixel = s->in * s->turns * s->out * LF_C8;
@@ -83,7 +77,7 @@ reduce_some(const shape *s, long count, long width, const lf_real *restrict tabl
     for (long o = 0; o < width; o++)
         for (long b = 0; b < count; b++)
             sum[o][b] = *(const vec *)(dt + (o * s->count + b) * DOUBLED);
-    for (long p = 0; p < s->pixels; p++, table += s->count * LF_C8, df += pixel)
+    for (long p = 0; p < s->size * s->size; p++, table += s->count * LF_C8, df += pixel)
         for (long b = 0; b < count; b++)
             for (long o = 0; o < width; o++)
                 sum[o][b] += *(const vec *)(df + o * LF_C8) * *(const vec *)(table + b * LF_C8);
@@ -92,7 +86,7 @@ reduce_some(const shape *s, long count, long width, const lf_real *restrict tabl
             *(vec *)(dt + (o * s->count + b) * DOUBLED) = sum[o][b];
 }
 
-static void expand_channel(const shape *s, const lf_real *table, const lf_real *t, lf_real *f)
+static void expand_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *t, lf_real *f)
 {
     const long step = s->count * DOUBLED;
     for (long o = 0; o < s->out; o += 2, t += 2 * step, f += 2 * LF_C8) {
@@ -108,7 +102,7 @@ static void expand_channel(const shape *s, const lf_real *table, const lf_real *
     }
 }
 
-static void reduce_channel(const shape *s, const lf_real *table, const lf_real *df, lf_real *dt)
+static void reduce_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *df, lf_real *dt)
 {
     const long step = s->count * DOUBLED;
     for (long o = 0; o < s->out; o += 2, dt += 2 * step, df += 2 * LF_C8) {
@@ -128,41 +122,47 @@ static void reduce_channel(const shape *s, const lf_real *table, const lf_real *
     }
 }
 
-static void backward(const lf_node *node)
+lf_c8_filter lf_c8_filter_of(const lf_c8_basis *basis, const lf_tensor *w)
 {
-    const lf_c8_basis *basis = node->saved;
-    lf_tensor *w = node->in[0];
-    const shape s = shape_of(basis, w);
-    const long doubled = s.out * s.count * DOUBLED;
-    lf_real *t = lf_alloc_reals(node->tape, s.in * doubled);
+    LF_REQUIRE(w->rank == 3 || (w->rank == 4 && w->dim[2] == LF_C8),
+               "a steerable filter of weights of rank %d", w->rank);
+    LF_REQUIRE(lf_cols(w) == basis->count, "%ld weights for %d basis functions", lf_cols(w),
+               basis->count);
+    return (lf_c8_filter){basis->table, basis->size, basis->count, w->dim[1], w->dim[0],
+                          w->rank == 4 ? LF_C8 : 1};
+}
+
+long lf_c8_filter_size(const lf_c8_filter *s)
+{
+    return s->size * s->size * s->in * s->turns * s->out * LF_C8;
+}
+
+long lf_c8_filter_scratch(const lf_c8_filter *s)
+{
+    return s->in * doubled(s);
+}
+
+void lf_c8_expand(const lf_c8_filter *s, const lf_real *w, lf_real *f, lf_real *scratch)
+{
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < s.in; i++) {
-        lf_real *own = t + i * doubled;
-        memset(own, 0, (size_t)doubled * sizeof *own);
-        for (long r = 0; r < s.turns; r++)
-            reduce_channel(&s, basis->table, node->out[0]->grad + (i * s.turns + r) * s.out * LF_C8,
-                           own + LF_C8 - r);
-        fold(&s, own, i, w->grad);
+    for (long i = 0; i < s->in; i++) {
+        lf_real *t = scratch + i * doubled(s);
+        unfold(s, w, i, t);
+        for (long r = 0; r < s->turns; r++)
+            expand_channel(s, s->table, t + LF_C8 - r,
+                           f + (i * s->turns + r) * s->out * LF_C8);
     }
 }
 
-lf_tensor *lf_c8_expand(lf_tape *tape, const lf_c8_basis *basis, lf_tensor *w)
+void lf_c8_fold(const lf_c8_filter *s, const lf_real *df, lf_real *dw, lf_real *scratch)
 {
-    LF_REQUIRE(w->rank == 3 || (w->rank == 4 && w->dim[2] == LF_C8),
-               "lf_c8_expand: weights of rank %d", w->rank);
-    LF_REQUIRE(lf_cols(w) == basis->count, "lf_c8_expand: %ld weights for %d basis functions",
-               lf_cols(w), basis->count);
-    const shape s = shape_of(basis, w);
-    const long k = basis->size, doubled = s.out * s.count * DOUBLED;
-    lf_tensor *f = lf_tensor_new(tape, 4, LF_DIMS(k, k, s.in * s.turns, s.out * LF_C8));
-    lf_real *t = lf_alloc_reals(tape, s.in * doubled);
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < s.in; i++) {
-        unfold(&s, w->value, i, t + i * doubled);
-        for (long r = 0; r < s.turns; r++)
-            expand_channel(&s, basis->table, t + i * doubled + LF_C8 - r,
-                           f->value + (i * s.turns + r) * s.out * LF_C8);
+    for (long i = 0; i < s->in; i++) {
+        lf_real *t = scratch + i * doubled(s);
+        memset(t, 0, (size_t)doubled(s) * sizeof *t);
+        for (long r = 0; r < s->turns; r++)
+            reduce_channel(s, s->table, df + (i * s->turns + r) * s->out * LF_C8,
+                           t + LF_C8 - r);
+        fold(s, t, i, dw);
     }
-    lf_record(tape, "c8_expand", backward, (void *)basis, LF_IN(w), LF_OUT(f));
-    return f;
 }

@@ -14,7 +14,6 @@
 #include <string.h>
 
 #include "autograd/kernels/gather.h"
-#include "autograd/kernels/lanes.h"
 #include "autograd/kernels/tile.h"
 #include "autograd/status.h"
 
@@ -326,7 +325,6 @@ long lf_conv_scratch(const lf_conv *s)
     const long taps = s->size * s->size, slack = 64 / (long)sizeof(lf_real);
     const long forward = taps * s->in * padded(s->out);
     const long dx = taps * s->out * padded(s->in);
-    const long dw = lf_conv_lanes(s) * (taps * s->in + 1) * s->out;
-    const long most = forward > dx ? forward : dx;
+    const long most = forward > dx ? forward : dx, dw = lf_conv_dw_scratch(s);
     return slack + (most > dw ? most : dw);
 }

@@ -14,7 +14,6 @@
 #include <string.h>
 
 #include "autograd/kernels/gather.h"
-#include "autograd/kernels/lanes.h"
 #include "autograd/kernels/tile.h"
 
 enum {
@@ -28,10 +27,18 @@ static long min(long a, long b)
     return a < b ? a : b;
 }
 
-long lf_conv_lanes(const lf_conv *s)
+/* How many lanes of images; lane l takes images l, l + lanes, ..., and lanes are added in their
+ * order. */
+static long lanes_of(const lf_conv *s)
 {
     const long most = s->out_height * s->out_width / LANE_PIXELS;
     return most < 1 ? 1 : min(min(most, MAX_LANES), s->images < 1 ? 1 : s->images);
+}
+
+long lf_conv_dw_scratch(const lf_conv *s)
+{
+    const long lanes = lanes_of(s);
+    return lanes == 1 ? 1 : lanes * (s->size * s->size * s->in + 1) * s->out;
 }
 
 /* The gradients that one task sums: columns [first, first + columns) of o. */
@@ -171,7 +178,7 @@ void lf_kernel_conv_dw(const lf_conv *s, const lf_real *x, const lf_real *dy, lf
     const lf_gather g = {x,         s->images,     s->height,    s->width,
                          s->in,     s->out_height, s->out_width, s->size,
                          s->stride, s->pad};
-    const long lanes = lf_conv_lanes(s), filter = s->size * s->size * s->in * s->out;
+    const long lanes = lanes_of(s), filter = s->size * s->size * s->in * s->out;
     if (!lf_gather_fits(&g)) {
         lf_ref_conv_dw(s, x, dy, dw, db, scratch);
         return;
