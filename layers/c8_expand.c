@@ -86,7 +86,8 @@ reduce_some(const lf_c8_filter *s, long count, long width, const lf_real *restri
             *(vec *)(dt + (o * s->count + b) * DOUBLED) = sum[o][b];
 }
 
-static void expand_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *t, lf_real *f)
+static void expand_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *t,
+                           lf_real *f)
 {
     const long step = s->count * DOUBLED;
     for (long o = 0; o < s->out; o += 2, t += 2 * step, f += 2 * LF_C8) {
@@ -102,7 +103,8 @@ static void expand_channel(const lf_c8_filter *s, const lf_real *table, const lf
     }
 }
 
-static void reduce_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *df, lf_real *dt)
+static void reduce_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *df,
+                           lf_real *dt)
 {
     const long step = s->count * DOUBLED;
     for (long o = 0; o < s->out; o += 2, dt += 2 * step, df += 2 * LF_C8) {
@@ -128,8 +130,8 @@ lf_c8_filter lf_c8_filter_of(const lf_c8_basis *basis, const lf_tensor *w)
                "a steerable filter of weights of rank %d", w->rank);
     LF_REQUIRE(lf_cols(w) == basis->count, "%ld weights for %d basis functions", lf_cols(w),
                basis->count);
-    return (lf_c8_filter){basis->table, basis->size, basis->count, w->dim[1], w->dim[0],
-                          w->rank == 4 ? LF_C8 : 1};
+    return (lf_c8_filter){basis->table, basis->size, basis->count,
+                          w->dim[1],    w->dim[0],   w->rank == 4 ? LF_C8 : 1};
 }
 
 long lf_c8_filter_size(const lf_c8_filter *s)
@@ -149,8 +151,7 @@ void lf_c8_expand(const lf_c8_filter *s, const lf_real *w, lf_real *f, lf_real *
         lf_real *t = scratch + i * doubled(s);
         unfold(s, w, i, t);
         for (long r = 0; r < s->turns; r++)
-            expand_channel(s, s->table, t + LF_C8 - r,
-                           f + (i * s->turns + r) * s->out * LF_C8);
+            expand_channel(s, s->table, t + LF_C8 - r, f + (i * s->turns + r) * s->out * LF_C8);
     }
 }
 
@@ -161,8 +162,7 @@ void lf_c8_fold(const lf_c8_filter *s, const lf_real *df, lf_real *dw, lf_real *
         lf_real *t = scratch + i * doubled(s);
         memset(t, 0, (size_t)doubled(s) * sizeof *t);
         for (long r = 0; r < s->turns; r++)
-            reduce_channel(s, s->table, df + (i * s->turns + r) * s->out * LF_C8,
-                           t + LF_C8 - r);
+            reduce_channel(s, s->table, df + (i * s->turns + r) * s->out * LF_C8, t + LF_C8 - r);
         fold(s, t, i, dw);
     }
 }

@@ -107,6 +107,8 @@ static void encode(lf_recon_work *work, const lf_recon_images *images, bool trai
     lf_tape_set_grad(work->features, training);
     lf_recon_encode_images(work->features, work->model, image_leaf(work, images), images->views,
                            images->grid, training, &work->code);
+    for (int m = 0; training && m < work->code.inner_maps; m++)
+        lf_drop(work->features, work->code.inner[m]);
 }
 
 /* ---- training ---- */

@@ -90,8 +90,7 @@ static double explicit_basis(int b, int row, int col, int a)
 static lf_tensor *expand(lf_tape *tape, const lf_c8_basis *basis, const lf_tensor *w)
 {
     const lf_c8_filter s = lf_c8_filter_of(basis, w);
-    lf_tensor *f =
-        lf_tensor_new(tape, 4, LF_DIMS(s.size, s.size, s.in * s.turns, s.out * LF_C8));
+    lf_tensor *f = lf_tensor_new(tape, 4, LF_DIMS(s.size, s.size, s.in * s.turns, s.out * LF_C8));
     assert_int_equal(f->size, lf_c8_filter_size(&s));
     lf_c8_expand(&s, w->value, f->value, lf_alloc_reals(tape, lf_c8_filter_scratch(&s)));
     return f;
@@ -161,8 +160,7 @@ static void test_quarter_turn_of_the_bank(void **state)
     lf_tape *tape = lf_tape_create();
     lf_c8_basis basis;
     lf_c8_basis_init(&basis, K, LF_C8_REDET);
-    const lf_tensor *f =
-        expand(tape, &basis, normal(tape, 4, LF_DIMS(F, F, 8, basis.count), 4));
+    const lf_tensor *f = expand(tape, &basis, normal(tape, 4, LF_DIMS(F, F, 8, basis.count), 4));
     double worst = 0;
     for (int n = 0; n < f->size; n++) {
         const int a = n % 8, o = n / 8 % F, r = n / (8 * F) % 8, i = n / (64 * F) % F;
