@@ -53,7 +53,8 @@ typedef struct lf_c8_filter {
 } lf_c8_filter;
 
 lf_c8_filter lf_c8_filter_of(const lf_c8_basis *basis, const lf_tensor *w);
-/* Numbers in the filter, and in the scratch that both functions below need. */
+/* Numbers in the filter, and in the scratch that both functions below need with as many threads as
+ * there are now. */
 long lf_c8_filter_size(const lf_c8_filter *s);
 long lf_c8_filter_scratch(const lf_c8_filter *s);
 /* f = the filter of w. */

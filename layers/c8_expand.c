@@ -12,6 +12,7 @@
  * Cost       2 count flops a number of the filter, forward and backward.
  * Threads    input fields are independent.
  */
+#include <omp.h>
 #include "layers/c8.h"
 
 /* The eight orientations; loads and stores of any alignment. */
@@ -141,14 +142,14 @@ long lf_c8_filter_size(const lf_c8_filter *s)
 
 long lf_c8_filter_scratch(const lf_c8_filter *s)
 {
-    return s->in * doubled(s);
+    return omp_get_max_threads() * doubled(s);
 }
 
 void lf_c8_expand(const lf_c8_filter *s, const lf_real *w, lf_real *f, lf_real *scratch)
 {
 #pragma omp parallel for schedule(static)
     for (long i = 0; i < s->in; i++) {
-        lf_real *t = scratch + i * doubled(s);
+        lf_real *t = scratch + omp_get_thread_num() * doubled(s);
         unfold(s, w, i, t);
         for (long r = 0; r < s->turns; r++)
             expand_channel(s, s->table, t + LF_C8 - r, f + (i * s->turns + r) * s->out * LF_C8);
@@ -159,7 +160,7 @@ void lf_c8_fold(const lf_c8_filter *s, const lf_real *df, lf_real *dw, lf_real *
 {
 #pragma omp parallel for schedule(static)
     for (long i = 0; i < s->in; i++) {
-        lf_real *t = scratch + i * doubled(s);
+        lf_real *t = scratch + omp_get_thread_num() * doubled(s);
         memset(t, 0, (size_t)doubled(s) * sizeof *t);
         for (long r = 0; r < s->turns; r++)
             reduce_channel(s, s->table, df + (i * s->turns + r) * s->out * LF_C8, t + LF_C8 - r);

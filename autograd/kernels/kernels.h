@@ -67,8 +67,8 @@ typedef struct lf_conv {
  */
 lf_conv lf_conv_shape(long images, long height, long width, long in, long out, long size,
                       long stride, long pad);
-/* Numbers of scratch that any of the three functions needs at most, at least 1; and that the last
- * one does. */
+/* Numbers of scratch that any of the three functions needs at most, at least 1, with as many
+ * threads as there are now; and that the last one does, with any number. */
 long lf_conv_scratch(const lf_conv *s);
 long lf_conv_dw_scratch(const lf_conv *s);
 
