@@ -13,13 +13,23 @@
  * Threads    input fields are independent.
  */
 #include <omp.h>
+
+#include "autograd/kernels/vector.h"
 #include "layers/c8.h"
 
 /* The eight orientations; loads and stores of any alignment. */
 typedef lf_real vec
     __attribute__((vector_size(LF_C8 * sizeof(lf_real)), aligned(sizeof(lf_real)), may_alias));
 
-enum { DOUBLED = 2 * LF_C8, PART = 8 /* members whose sums fit in registers */ };
+/* Those of two fields. */
+typedef lf_real wide
+    __attribute__((vector_size(2 * LF_C8 * sizeof(lf_real)), aligned(sizeof(lf_real)), may_alias));
+
+enum {
+    DOUBLED = 2 * LF_C8,
+    PART = 8, /* members whose sums fit in registers */
+    PAIRS = LF_VEC_BYTES == 64 && sizeof(lf_real) == 4 ? 2 : 1
+};
 
 /* Numbers of t of one input field. */
 static long doubled(const lf_c8_filter *s)
@@ -32,9 +42,13 @@ static void unfold(const lf_c8_filter *s, const lf_real *w, long i, lf_real *t)
 {
     for (long o = 0; o < s->out; o++) {
         const lf_real *from = w + (o * s->in + i) * s->turns * s->count;
-        for (long b = 0; b < s->count; b++, t += DOUBLED)
-            for (long u = 0; u < DOUBLED; u++)
-                t[u] = from[(s->turns == 1 ? 0 : (DOUBLED - u) % LF_C8) * s->count + b];
+        const long step = s->turns == 1 ? 0 : s->count;
+        for (long b = 0; b < s->count; b++, t += DOUBLED) {
+            const lf_real *w0 = from + b, *w4 = w0 + 4 * step;
+            const vec turned = {w0[0], w4[3 * step], w4[2 * step], w4[step],
+                                w4[0], w0[3 * step], w0[2 * step], w0[step]};
+            *(vec *)t = *(vec *)(t + LF_C8) = turned;
+        }
     }
 }
 
@@ -43,28 +57,56 @@ static void fold(const lf_c8_filter *s, const lf_real *t, long i, lf_real *dw)
 {
     for (long o = 0; o < s->out; o++) {
         lf_real *to = dw + (o * s->in + i) * s->turns * s->count;
-        for (long b = 0; b < s->count; b++, t += DOUBLED)
-            for (long u = 0; u < DOUBLED; u++)
-                to[(s->turns == 1 ? 0 : (DOUBLED - u) % LF_C8) * s->count + b] += t[u];
+        const long step = s->turns == 1 ? 0 : s->count;
+        for (long b = 0; b < s->count; b++, t += DOUBLED) {
+            const vec sum = *(const vec *)t + *(const vec *)(t + LF_C8);
+            for (long u = 0; u < LF_C8; u++)
+                to[(LF_C8 - u) % LF_C8 * step + b] += sum[u];
+        }
     }
 }
 
-/* Filter numbers of input channel (i, r) for `width` output fields: t and f point at the first of
- * them, f at pixel 0. Called with constant counts and widths, so that the weights stay in registers
- * and each basis vector is read once for all `width`. */
+/* Two fields beside each other. */
+static inline wide both(vec a, vec c)
+{
+    return __builtin_shufflevector(a, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+/* Filter numbers of input channel (i, r) for `pairs` pairs of output fields: t and f point at the
+ * first of them, f at pixel 0. Called with constant counts and pairs, so that the weights stay in
+ * registers and each basis vector is read once for all of them. */
 __attribute__((always_inline)) static inline void
-expand_some(const lf_c8_filter *s, long count, long width, const lf_real *restrict table,
-            const lf_real *restrict t, lf_real *restrict f)
+expand_pairs(const lf_c8_filter *s, long count, long pairs, const lf_real *restrict table,
+             const lf_real *restrict t, lf_real *restrict f)
 {
     const long pixel = s->in * s->turns * s->out * LF_C8;
-    for (long p = 0; p < s->size * s->size; p++, table += count * LF_C8, f += pixel) {
-        vec sum[2] = {{0}, {0}};
+    wide w[PAIRS][PART];
+    for (long q = 0; q < pairs; q++)
         for (long b = 0; b < count; b++)
-            for (long o = 0; o < width; o++)
-                sum[o] += *(const vec *)(t + (o * count + b) * DOUBLED) *
-                          *(const vec *)(table + b * LF_C8);
-        for (long o = 0; o < width; o++)
-            *(vec *)(f + o * LF_C8) = sum[o];
+            w[q][b] = both(*(const vec *)(t + (2 * q * count + b) * DOUBLED),
+                           *(const vec *)(t + ((2 * q + 1) * count + b) * DOUBLED));
+    for (long p = 0; p < s->size * s->size; p++, table += count * LF_C8, f += pixel) {
+        wide sum[PAIRS] = {{0}};
+        for (long b = 0; b < count; b++) {
+            const vec member = *(const vec *)(table + b * LF_C8);
+            for (long q = 0; q < pairs; q++)
+                sum[q] += w[q][b] * both(member, member);
+        }
+        for (long q = 0; q < pairs; q++)
+            *(wide *)(f + q * DOUBLED) = sum[q];
+    }
+}
+
+/* The same for one field and any count. */
+static void expand_one(const lf_c8_filter *s, const lf_real *restrict table,
+                       const lf_real *restrict t, lf_real *restrict f)
+{
+    const long pixel = s->in * s->turns * s->out * LF_C8;
+    for (long p = 0; p < s->size * s->size; p++, table += s->count * LF_C8, f += pixel) {
+        vec sum = {0};
+        for (long b = 0; b < s->count; b++)
+            sum += *(const vec *)(t + b * DOUBLED) * *(const vec *)(table + b * LF_C8);
+        *(vec *)f = sum;
     }
 }
 
@@ -91,16 +133,19 @@ static void expand_channel(const lf_c8_filter *s, const lf_real *table, const lf
                            lf_real *f)
 {
     const long step = s->count * DOUBLED;
-    for (long o = 0; o < s->out; o += 2, t += 2 * step, f += 2 * LF_C8) {
-        const long width = s->out - o < 2 ? 1 : 2;
-        if (s->count == 1 && width == 2)
-            expand_some(s, 1, 2, table, t, f);
-        else if (s->count == 6 && width == 2)
-            expand_some(s, 6, 2, table, t, f);
-        else if (s->count == 8 && width == 2)
-            expand_some(s, 8, 2, table, t, f);
-        else
-            expand_some(s, s->count, width, table, t, f);
+    for (long o = 0, n; o < s->out; o += n, t += n * step, f += n * LF_C8) {
+        const bool all = s->out - o >= 2 * PAIRS;
+        n = 2 * PAIRS;
+        if (s->count == 1 && all)
+            expand_pairs(s, 1, PAIRS, table, t, f);
+        else if (s->count == 6 && all)
+            expand_pairs(s, 6, PAIRS, table, t, f);
+        else if (s->count == 8 && all)
+            expand_pairs(s, 8, PAIRS, table, t, f);
+        else {
+            n = 1;
+            expand_one(s, table, t, f);
+        }
     }
 }
 
