@@ -147,7 +147,7 @@ static extent count_unit(const lf_unit *unit, extent in, lf_backbone_cost *cost)
     const long pairs = unit->c8 ? w->dim[0] * LF_C8 * w->dim[1] * turns : w->dim[2] * w->dim[3];
     const long channels = unit->c8 ? w->dim[0] * LF_C8 : w->dim[3];
     cost->macs += (double)(out.height * out.width * size * size) * (double)pairs;
-    cost->kept += 2 * (double)(out.height * out.width) * (double)channels;
+    cost->kept += (double)(out.height * out.width) * (double)channels;
     cost->parameters += w->size + unit->norm.scale->size + unit->norm.shift->size;
     return out;
 }
