@@ -130,6 +130,9 @@ typedef struct lf_mark {
 lf_mark lf_tape_mark(const lf_tape *tape);
 void lf_tape_release(lf_tape *tape, lf_mark mark);
 lf_real *lf_alloc_reals(lf_tape *tape, long n);
+/* The same for a backward, until it returns: from memory that tensors have left, if there is such.
+ */
+lf_real *lf_scratch_reals(lf_tape *tape, long n);
 
 /* A tensor of the tape, values not set, no grad (lf_record gives it one if it needs it). */
 lf_tensor *lf_tensor_new(lf_tape *tape, int rank, const long *dim);

@@ -31,6 +31,8 @@ struct lf_tape {
     long node_count, node_room;
     bool grad, check;
     lf_spares spares; /* of gradients that were used up, and of dropped values */
+    lf_spares lent;   /* of these, to the backward that runs */
+    bool walking;
     lf_real *lane;
     long lane_first;
     char nonfinite[64];
@@ -243,6 +245,24 @@ lf_tensor *lf_view(lf_tape *tape, lf_tensor *x, long offset, int rank, const lon
 
 /* ---- gradients ---- */
 
+lf_real *lf_scratch_reals(lf_tape *tape, long n)
+{
+    lf_real *spare = NULL;
+    if (tape->walking && tape->lent.count < LF_SPARES)
+        spare = lf_spares_take(&tape->spares, n);
+    if (!spare)
+        return lf_alloc_reals(tape, n);
+    lf_spares_give(&tape->lent, spare, n);
+    return spare;
+}
+
+static void take_back(lf_tape *tape)
+{
+    for (int i = 0; i < tape->lent.count; i++)
+        lf_spares_give(&tape->spares, tape->lent.piece[i].memory, tape->lent.piece[i].size);
+    tape->lent.count = 0;
+}
+
 static lf_real *zeroed(lf_tape *tape, long size)
 {
     lf_real *memory = room(tape, size);
@@ -392,8 +412,11 @@ static bool walk(lf_tape *tape, const lf_node *node)
             lf_grad(tape, node->in[i]);
         }
     const lf_mark mark = lf_tape_mark(tape); /* what a backward allocates is scratch */
+    tape->walking = true;
     node->backward(node);
+    tape->walking = false;
     lf_tape_release(tape, mark);
+    take_back(tape);
     if (tape->check)
         check_gradients(tape, node);
     for (int i = 0; i < node->n_out; i++)

@@ -14,26 +14,24 @@ typedef struct kept {
     lf_c8_filter filter;
 } kept;
 
-static const lf_real *expanded(lf_tape *tape, const kept *k, const lf_tensor *w)
+static void expand(lf_tape *tape, const kept *k, const lf_tensor *w, lf_real *f)
 {
-    lf_real *f = lf_alloc_reals(tape, lf_c8_filter_size(&k->filter));
     const lf_mark mark = lf_tape_mark(tape);
     lf_c8_expand(&k->filter, w->value, f, lf_alloc_reals(tape, lf_c8_filter_scratch(&k->filter)));
     lf_tape_release(tape, mark);
-    return f;
 }
 
+/* With room for the filter's gradient. */
 static void add_dw(lf_tape *tape, const kept *k, const lf_tensor *x, const lf_tensor *w,
-                   const lf_real *dy)
+                   const lf_real *dy, lf_real *df)
 {
-    const long size = lf_c8_filter_size(&k->filter);
-    lf_real *df = lf_alloc_reals(tape, size);
     const lf_mark mark = lf_tape_mark(tape);
-    memset(df, 0, (size_t)size * sizeof *df);
+    memset(df, 0, (size_t)lf_c8_filter_size(&k->filter) * sizeof *df);
     lf_kernel_conv_dw(&k->shape, x->value, dy, df, NULL,
                       lf_alloc_reals(tape, lf_conv_dw_scratch(&k->shape)));
     lf_tape_release(tape, mark);
     lf_c8_fold(&k->filter, df, w->grad, lf_alloc_reals(tape, lf_c8_filter_scratch(&k->filter)));
+    lf_tape_release(tape, mark);
 }
 
 static void backward(const lf_node *node)
@@ -42,14 +40,14 @@ static void backward(const lf_node *node)
     lf_tape *tape = node->tape;
     const lf_tensor *x = node->in[0], *w = node->in[1];
     const lf_real *dy = node->out[0]->grad;
-    const lf_mark mark = lf_tape_mark(tape);
+    lf_real *f = lf_scratch_reals(tape, lf_c8_filter_size(&k->filter));
     if (w->grad)
-        add_dw(tape, k, x, w, dy);
-    lf_tape_release(tape, mark);
+        add_dw(tape, k, x, w, dy, f);
     if (!x->grad)
         return;
-    const lf_real *f = expanded(tape, k, w);
-    lf_kernel_conv_dx(&k->shape, dy, f, x->grad, lf_alloc_reals(tape, lf_conv_scratch(&k->shape)));
+    expand(tape, k, w, f);
+    lf_kernel_conv_dx(&k->shape, dy, f, x->grad,
+                      lf_scratch_reals(tape, lf_conv_scratch(&k->shape)));
 }
 
 lf_tensor *lf_c8_conv2d(lf_tape *tape, const lf_c8_basis *basis, lf_tensor *x, lf_tensor *w,
@@ -66,7 +64,8 @@ lf_tensor *lf_c8_conv2d(lf_tape *tape, const lf_c8_basis *basis, lf_tensor *x, l
     const lf_conv *s = &k->shape;
     lf_tensor *y = lf_tensor_new(tape, 4, LF_DIMS(s->images, s->out_height, s->out_width, s->out));
     const lf_mark mark = lf_tape_mark(tape);
-    const lf_real *f = expanded(tape, k, w);
+    lf_real *f = lf_alloc_reals(tape, lf_c8_filter_size(&filter));
+    expand(tape, k, w, f);
     lf_kernel_conv(s, x->value, f, NULL, LF_IDENTITY, y->value,
                    lf_alloc_reals(tape, lf_conv_scratch(s)));
     lf_tape_release(tape, mark);
