@@ -229,11 +229,11 @@ static lf_status run_check_data(const lf_arguments *a, lf_error *err)
 
 static lf_status run_reproduction(const lf_arguments *a, lf_error *err)
 {
-    static const int used[] = {OPT_OUT, OPT_QUIET, 0};
+    static const int used[] = {OPT_OUT, OPT_README, OPT_QUIET, 0};
     if (a->words != 2)
         return lf_fail(err, LF_BAD_INPUT, "reproduction takes a folder of results");
     LF_TRY(lf_options_only(a, "reproduction", used, err));
-    LF_TRY(lf_reproduction(a->word[1], a->evaluate.out, err));
+    LF_TRY(lf_reproduction(a->word[1], a->evaluate.out, a->readme, err));
     if (a->evaluate.out && !a->evaluate.quiet)
         printf("%s\n", a->evaluate.out);
     return LF_OK;

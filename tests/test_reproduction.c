@@ -118,7 +118,7 @@ static void test_means_and_spread(void **state)
     assert_has(page, "| R | paper | 26.90 / 0.100 |\n| | elf | not run |\n");
     assert_has(
         page,
-        "| tiny, built-in | ours | c | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | 200 | abc |");
+        "| tiny, built-in | ours | c | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | 200 | – | abc |");
     assert_has(page, "- tiny, ours: `a.b=1`\n");
     free(page);
 }
@@ -140,7 +140,7 @@ static void test_renderers_and_counts(void **state)
         "\"train_setting\": \"I\", \"eval_setting\": \"SO3\", \"seed\": 0, \"steps\": 5, "
         "\"pixels\": 9,\n"
         "\"train_items\": 2, \"test_items\": 3, \"parameters\": 4, \"train_seconds\": 1,\n"
-        "\"peak_rss_mb\": 2, \"commit\": \"abc\", \"figures\": {\"psnr\": 31.256, \"ssim\": 0.9,\n"
+        "\"peak_rss_mb\": 2, \"seconds_per_item\": 0.257, \"commit\": \"abc\", \"figures\": {\"psnr\": 31.256, \"ssim\": 0.9,\n"
         "\"lpips\": null, \"pixel_variance\": 0}}\n");
     put(f, "n.json",
         "{\"experiment\": \"count\", \"system\": \"r\", \"config\": \"c\", \"keys\": \"k=1\",\n"
@@ -149,7 +149,7 @@ static void test_renderers_and_counts(void **state)
     char *page = page_of(f);
     assert_has(page, "| | elf, quick, files | 31.26 / – |\n");
     assert_has(page, "| quick | r | c k=1 | 4 | 2.00 | 6.00 | 2 rays |\n");
-    assert_has(page, "| quick, files | r | c k=1 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | abc |");
+    assert_has(page, "| quick, files | r | c k=1 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | 0.26 | abc |");
     free(page);
 }
 
@@ -159,15 +159,15 @@ static void test_job_replaces_the_page(void **state)
     char path[160], line[64];
     lf_error err = {""};
     snprintf(path, sizeof path, "%s/page.md", f->path);
-    assert_int_equal(lf_reproduction(f->path, path, &err), LF_OK);
+    assert_int_equal(lf_reproduction(f->path, path, NULL, &err), LF_OK);
     FILE *file = fopen(path, "r");
     assert_non_null(fgets(line, sizeof line, file));
     fclose(file);
     assert_string_equal(line, "# Reproduction\n");
     put(f, "broken.json", "{");
-    assert_int_equal(lf_reproduction(f->path, path, &err), LF_BAD_INPUT);
+    assert_int_equal(lf_reproduction(f->path, path, NULL, &err), LF_BAD_INPUT);
     assert_int_equal(access(path, R_OK), 0); /* the old one is still there */
-    assert_int_equal(lf_reproduction("/nowhere/at/all", path, &err), LF_BAD_INPUT);
+    assert_int_equal(lf_reproduction("/nowhere/at/all", path, NULL, &err), LF_BAD_INPUT);
 }
 
 static void test_bad_results(void **state)
