@@ -4,7 +4,7 @@
 #include "models/checkpoint.h"
 #include "train/run_dir.h"
 
-enum { CELL = 144 }; /* pixels: twelve letters */
+enum { SHAPE_CELL = 144, SCENE_CELL = 132 }; /* pixels: twelve letters, eleven */
 
 /* ---- the table ---- */
 
@@ -67,8 +67,8 @@ static void table_free(lf_picture_table *t)
     free(t->caption);
 }
 
-static lf_status table_write(const lf_picture_table *t, const char *const *head, const char *path,
-                             lf_error *err)
+static lf_status table_write(const lf_picture_table *t, int edge, const char *const *head,
+                             const char *path, lf_error *err)
 {
     lf_grid_row *row = calloc((size_t)t->rows + 1, sizeof *row);
     lf_grid_cell *cell = calloc((size_t)(t->rows * t->columns) + 1, sizeof *cell);
@@ -77,7 +77,7 @@ static lf_status table_write(const lf_picture_table *t, const char *const *head,
         cell[i] = (lf_grid_cell){t->image[i], t->note[i]};
     for (long i = 0; i < t->rows; i++)
         row[i] = (lf_grid_row){t->caption[i], cell + i * t->columns};
-    const lf_picture_grid grid = {CELL, t->columns, head, t->rows, row};
+    const lf_picture_grid grid = {edge, t->columns, head, t->rows, row};
     const lf_status status = lf_picture_grid_write(path, &grid, err);
     free(row);
     free(cell);
@@ -186,7 +186,7 @@ lf_status lf_compare_runs(const lf_compare_runs_options *o, lf_error *err)
         renders ? lf_compare_scenes(o, &table, err) : lf_compare_shapes(o, &table, err);
     if (status == LF_OK) {
         const char **head = heads_of(o->runs, renders, table.columns);
-        status = table_write(&table, head, o->out, err);
+        status = table_write(&table, renders ? SCENE_CELL : SHAPE_CELL, head, o->out, err);
         free(head);
     }
     table_free(&table);
