@@ -28,7 +28,7 @@ static void print_help(FILE *out)
         "table each\n"
         "elf-eval compare-runs RUN... --out F.png  what several trained systems make of the same "
         "shapes or\n"
-        "                                          views; RUN,RUN: of several parts, -: none\n"
+        "                                          views; RUN,RUN: of several parts; none\n"
         "elf-eval curves RUN... --out F.png        their losses against steps and seconds\n"
         "\n"
         "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"

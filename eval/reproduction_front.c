@@ -46,6 +46,17 @@ static const json_t *table_named(const lf_results *r, const char *name)
 
 /* ---- the best group that is there ---- */
 
+static lf_cell cell_of(const json_t *table, const json_t *row, const lf_group *g, const column *k)
+{
+    return (lf_cell){lf_text_of(table, "experiment"),
+                     lf_text_of(row, "system"),
+                     g->size,
+                     g->data,
+                     lf_text_of(row, "category"),
+                     k->train,
+                     k->test};
+}
+
 static long results_in(const lf_results *r, const lf_cell *c)
 {
     long n = 0;
@@ -54,8 +65,8 @@ static long results_in(const lf_results *r, const lf_cell *c)
     return n;
 }
 
-/* Results of the table's own systems. */
-static long results_of(const lf_results *r, const json_t *table, const lf_group *g,
+/* Results of the front page's columns, of a category or of all (NULL). */
+static long results_of(const lf_results *r, const front *f, const json_t *table, const lf_group *g,
                        const char *category)
 {
     const json_t *rows = json_object_get(table, "rows");
@@ -64,12 +75,10 @@ static long results_of(const lf_results *r, const json_t *table, const lf_group 
         const json_t *row = json_array_get(rows, i);
         if (category && strcmp(category, lf_text_of(row, "category")) != 0)
             continue;
-        const lf_cell c = {.experiment = lf_text_of(table, "experiment"),
-                           .system = lf_text_of(row, "system"),
-                           .category = lf_text_of(row, "category"),
-                           .size = g->size,
-                           .data = g->data};
-        n += results_in(r, &c);
+        for (int k = 0; k < f->columns; k++) {
+            const lf_cell c = cell_of(table, row, g, &f->column[k]);
+            n += results_in(r, &c);
+        }
     }
     return n;
 }
@@ -80,13 +89,13 @@ static int worth(const char *size)
 }
 
 /* The largest size with results of the table; of its data that with most. */
-static bool best_group(const lf_results *r, const json_t *table, lf_group *best)
+static bool best_group(const lf_results *r, const front *f, const json_t *table, lf_group *best)
 {
     const lf_cell all = {.experiment = lf_text_of(table, "experiment")};
     long count, most = 0;
     lf_group *g = lf_groups_of(r, &all, &count);
     for (long i = 0; i < count; i++) {
-        const long there = results_of(r, table, &g[i], NULL);
+        const long there = results_of(r, f, table, &g[i], NULL);
         const bool larger = there && (most == 0 || worth(g[i].size) > worth(best->size));
         if (larger || (there > most && worth(g[i].size) == worth(best->size))) {
             *best = g[i];
@@ -134,13 +143,7 @@ static void print_row(const lf_results *r, const front *f, const json_t *table, 
     for (int k = 0; k < f->columns; k++) {
         const column *at = &f->column[k];
         const int figure = lf_result_figure_of(at->figure);
-        const lf_cell c = {lf_text_of(table, "experiment"),
-                           lf_text_of(row, "system"),
-                           g->size,
-                           g->data,
-                           lf_text_of(row, "category"),
-                           at->train,
-                           at->test};
+        const lf_cell c = cell_of(table, row, g, at);
         const json_t *paper = paper_value(table, row, at);
         print_own(r, &c, figure, out);
         if (json_is_number(paper))
@@ -160,12 +163,13 @@ static void print_rows(const lf_results *r, const front *f, const json_t *table,
     bool left = false;
     for (size_t i = 0; i < json_array_size(rows); i++) {
         const json_t *row = json_array_get(rows, i);
-        if (json_object_get(row, "values") && results_of(r, table, g, lf_text_of(row, "category")))
+        if (json_object_get(row, "values") &&
+            results_of(r, f, table, g, lf_text_of(row, "category")))
             print_row(r, f, table, row, g, out);
     }
     for (size_t i = 0; i < json_array_size(rows); i++) {
         const char *category = lf_text_of(json_array_get(rows, i), "category");
-        if (strcmp(category, last) != 0 && results_of(r, table, g, category) == 0) {
+        if (strcmp(category, last) != 0 && results_of(r, f, table, g, category) == 0) {
             fprintf(out, "%s%s", left ? ", " : "\nNot run: ", category);
             left = true;
         }
@@ -207,7 +211,7 @@ static void print_front(const lf_results *r, const front *f, FILE *out)
 {
     const json_t *table = table_named(r, f->table);
     lf_group g;
-    if (!table || !best_group(r, table, &g)) {
+    if (!table || !best_group(r, f, table, &g)) {
         fprintf(out, "\n%s: not run.\n", f->title);
         return;
     }
@@ -229,7 +233,7 @@ bool lf_results_print_front(const lf_results *r, FILE *out)
     bool any = false;
     for (size_t k = 0; k < sizeof fronts / sizeof *fronts; k++) {
         const json_t *table = table_named(r, fronts[k].table);
-        any = any || (table && best_group(r, table, &g));
+        any = any || (table && best_group(r, &fronts[k], table, &g));
     }
     if (!any)
         return false;

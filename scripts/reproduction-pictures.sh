@@ -39,7 +39,7 @@ up_to_date() { # FILE COLUMNS...
     shift
     [ -e "$picture.png" ] && [ -e "$picture-curves.png" ] && [ "$(cat "$drawn" 2>/dev/null)" = "$*" ] || return 1
     for one in $(echo "$*" | tr , ' '); do
-        if [ "$one" != - ] && [ "$one/trained" -nt "$picture.png" ]; then return 1; fi
+        if [ "$one" != none ] && [ "$one/trained" -nt "$picture.png" ]; then return 1; fi
     done
 }
 
@@ -74,7 +74,7 @@ draw_table() { # DATA TABLE WHOLE
         column="" any=""
         for category in $parts; do
             one=$(trained_folder "$from" "$system" "$category")
-            any=$any$one column=$column,${one:--}
+            any=$any$one column=$column,${one:-none}
         done
         [ -n "$any" ] || continue
         set -- "$@" "${column#,}"
