@@ -1,8 +1,8 @@
 /* run_columns.h: trained runs side by side, as compare-runs and curves are given them.
  *
  * A word of the command line is a column: RUN, or RUN,RUN,... with a run for each part of the
- * picture, such as the same system trained on chairs, airplanes and cars. "none" stands for a run that
- * is not there. All columns have the same number of parts.
+ * picture, such as the same system trained on chairs, airplanes and cars. "none" stands for a run
+ * that is not there. All columns have the same number of parts.
  */
 #ifndef LF_EVAL_RUN_COLUMNS_H
 #define LF_EVAL_RUN_COLUMNS_H
