@@ -38,6 +38,25 @@ expect 0 '^softmax +7 values' "$bench" stability --list
 expect 0 '^softmax +logits 10000 .*yes$' "$bench" stability softmax --check --json hard.json
 grep -q '"case": "softmax"' hard.json || fail "no softmax in hard.json"
 
+### Growth
+
+expect 2 'nonsense: what grows is views' "$bench" growth nonsense
+expect 2 'unrecognized option' "$bench" growth --nonsense
+expect 2 '--system nonsense: ' "$bench" growth --system nonsense
+expect 2 '--repeats 0: a number from 1' "$bench" growth --repeats 0
+expect 2 'none of these; elf-bench growth --list' "$bench" growth rays --system disn
+expect 2 'nowhere/a.json: its folder' "$bench" growth --json nowhere/a.json
+expect 2 '--picture a.jpg: a name that ends in' "$bench" growth --picture a.jpg
+expect 2 'elf-bench draws it' "$bench-f64" growth --picture a.png
+expect 0 'reconstruct-tiny.ini' "$bench" growth --help
+expect 0 '^ibrnet +row +samples$' "$bench" growth --list
+[ "$(wc -l <out)" = 52 ] || fail "growth lists other rows"
+expect 0 '^fvor +distances points +2048 4096 8192 16384 ' \
+    "$bench" growth points --system fvor "${few[@]}" --json grown.json --picture grown.png
+grep -q '"exponent_of_time": {' grown.json || fail "no exponent in grown.json"
+[ "$(head -c 4 grown.png | tail -c 3)" = PNG ] || fail "the picture of growth is no PNG"
+expect 0 '^ibrnet +row +rays +50 100 200 400 ' "$bench-f64" growth rays --system ibrnet "${few[@]}"
+
 ### Errors against double
 
 error='[0-9.]+e-0[5-9]'
