@@ -103,14 +103,19 @@ LF_INLINE void outer(const int rows, const int vectors, const lf_pixels *g, long
             }
         }
     }
-    /* all of it at once: each term would be rounded to what w has already */
+    /* All of it at once: each term would be rounded to what w has already. A row that ends within a
+     * vector is stored after the next one is loaded, which would wait for it. */
+    const bool whole = width == vectors * LF_LANES;
     UNROLL for (int i = 0; i < rows; i++)
     {
         lf_vec old[3];
         load_row(vectors, w + i * w_step, width, old);
-        UNROLL for (int v = 0; v < vectors; v++) old[v] += sum[i][v];
-        store_row(vectors, w + i * w_step, width, old);
+        UNROLL for (int v = 0; v < vectors; v++) sum[i][v] += old[v];
+        if (whole)
+            store_row(vectors, w + i * w_step, width, sum[i]);
     }
+    if (!whole)
+        UNROLL for (int i = 0; i < rows; i++) store_row(vectors, w + i * w_step, width, sum[i]);
 }
 
 /* ---- one function a size --------------------------------------------------------------------- */
