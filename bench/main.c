@@ -1,5 +1,6 @@
 /* main.c: elf-bench [CASE...] [--json FILE] [--picture FILE] [--scaling] [--memory] ...
  *         elf-bench --ratio CASE OTHER
+ *         elf-bench --errors [CASE...]
  *         elf-bench stability [CASE...]: stability_report.h
  *         elf-bench growth [QUANTITY...]: growth.h
  *         elf-bench --reference CASE, --once CASE: to a pipe, for another elf-bench
@@ -30,7 +31,7 @@ static const lf_bench_table *const tables[] = {
 enum { TABLES = sizeof tables / sizeof *tables, MOST_CASES = 256 };
 
 typedef struct options {
-    bool list, exact, no_errors, scaling, memory, ratio;
+    bool list, exact, errors, no_errors, scaling, memory, ratio;
     const char *json, *picture, *reference, *once;
     int threads, repeats;
     char **names;
@@ -73,6 +74,12 @@ static lf_status run_case(const lf_bench_case *c, bool large, const options *o, 
                           lf_error *err)
 {
     lf_bench_result *r = &f->result[f->count];
+    if (o->errors) {
+        lf_bench_errors(c, o->threads, r);
+        lf_bench_error_rows(stdout, r);
+        f->count++;
+        return LF_OK;
+    }
     if (large)
         LF_TRY(lf_bench_measure_large(c, o->threads, &f->seen, r, err));
     else
@@ -172,7 +179,9 @@ static lf_status write_files(const options *o, const findings *f, lf_error *err)
 static lf_status measure(const options *o, lf_error *err)
 {
     findings *f = lf_bench_room(1, sizeof *f);
-    if (!o->list) {
+    if (o->errors)
+        lf_bench_error_head(stdout);
+    else if (!o->list) {
         printf("%d threads, vectors of %d bytes, %s, GCC %s\n", o->threads, LF_VEC_BYTES,
                LF_REAL_NAME, __VERSION__);
         lf_bench_head(stdout);
@@ -204,6 +213,7 @@ static void usage(void)
            "  --repeats N     samples of a case, of which the best counts (default: 100)\n"
            "  --scaling       also with one thread, in turn: rate of all over rate of one\n"
            "  --memory        also the largest resident set of a process of its own\n"
+           "  --errors        do nothing but compare with double: a table in Markdown\n"
            "  --no-errors     do not compare with double\n"
            "  --json FILE     all of it\n"
            "  --picture FILE  PNG: the roofline, and time against error\n"
@@ -223,6 +233,9 @@ static lf_status set_option(int letter, options *o, lf_error *err)
         break;
     case 'e':
         o->exact = true;
+        break;
+    case 'E':
+        o->errors = true;
         break;
     case 'n':
         o->no_errors = true;
@@ -269,6 +282,9 @@ static lf_status check(options *o, lf_error *err)
         LF_TRY(lf_bench_check_file(o->json, err));
     if (o->picture)
         LF_TRY(lf_bench_check_picture(o->picture, err));
+    if (o->errors && (sizeof(lf_real) == sizeof(double) || o->json || o->picture || o->scaling ||
+                      o->memory || o->list || o->no_errors || o->ratio))
+        return lf_fail(err, LF_BAD_INPUT, "--errors: of elf-bench, with cases and --threads alone");
     o->no_errors |= sizeof(lf_real) == sizeof(double); /* it is what errors are measured against */
     return LF_OK;
 }
@@ -283,6 +299,7 @@ static lf_status parse(int argc, char **argv, options *o, lf_error *err)
                                           {"picture", required_argument, NULL, 'p'},
                                           {"reference", required_argument, NULL, 'f'},
                                           {"once", required_argument, NULL, 'o'},
+                                          {"errors", no_argument, NULL, 'E'},
                                           {"no-errors", no_argument, NULL, 'n'},
                                           {"scaling", no_argument, NULL, 's'},
                                           {"memory", no_argument, NULL, 'm'},

@@ -270,6 +270,30 @@ static lf_bench_work *open_small(const lf_bench_case *c)
     return open_sets(c, sets, sizeof sets / sizeof *sets, 3);
 }
 
+/* configs/reconstruct-disn.ini, -fvor.ini, -ibrnet.ini: the compared systems. */
+#define PLAIN                                                                                      \
+    "data.image_size=97", "model.backbone=plain", "model.stem_fields=2", "model.stages=2, 1, 1",   \
+        "model.first_stride=1", "model.fields=2, 3, 4"
+
+static lf_bench_work *open_disn(const lf_bench_case *c)
+{
+    static const char *const sets[] = {"model.type=disn", PLAIN};
+    return open_sets(c, sets, sizeof sets / sizeof *sets, 2);
+}
+
+static lf_bench_work *open_fvor(const lf_bench_case *c)
+{
+    static const char *const sets[] = {"model.type=fvor", PLAIN};
+    return open_sets(c, sets, sizeof sets / sizeof *sets, 2);
+}
+
+static lf_bench_work *open_ibrnet(const lf_bench_case *c)
+{
+    static const char *const sets[] = {"model.type=ibrnet-sdf", "data.image_size=97",
+                                       "model.mlp=16"};
+    return open_sets(c, sets, sizeof sets / sizeof *sets, 2);
+}
+
 /* The bottleneck blocks of ResNet-50 over fields: 64 channels of the stem, 256 to 2048 after. */
 static lf_bench_work *open_paper(const lf_bench_case *c)
 {
@@ -298,6 +322,13 @@ static const lf_bench_case cases[] = {
      "the same of twice the fields: 8 views 129x129, 2048 points",
      open_small,
      {1, 2048, 32},
+     0},
+    {"step-disn", "step-tiny with configs/reconstruct-disn.ini", open_disn, {2, 512, 32}, 0},
+    {"step-fvor", "step-tiny with configs/reconstruct-fvor.ini", open_fvor, {2, 512, 32}, 0},
+    {"step-ibrnet-sdf",
+     "step-tiny with configs/reconstruct-ibrnet.ini",
+     open_ibrnet,
+     {2, 512, 32},
      0},
 };
 

@@ -66,6 +66,8 @@ expect 0 "^conv-9-1x1 .*$error +$error y" "$bench" "${few[@]}" --exact conv-9-1x
 expect 0 "^equivariant-16 .*$error +$error [a-z]" "$bench" "${few[@]}" equivariant-16
 expect 0 '^linear-16 .*% [fm] +- +- +- +-$' "$bench" "${few[@]}" --exact linear-16 --no-errors
 expect 0 '^linear-16 .*% [fm] +- +- +- +-$' "$bench-f64" "${few[@]}" --exact linear-16 # is the reference
+expect 0 "^\\| linear-16 \\| .* y $error, $error \\|$" "$bench" --errors --exact linear-16 --threads 1
+expect 2 '--errors: of elf-bench' "$bench" --errors linear-16 --scaling
 mkdir alone
 cp "$bench" alone/elf-bench
 unmeasured() { # unmeasured WORDS OPTIONS...: a message in place of the error, and no number
