@@ -326,7 +326,7 @@ long lf_conv_scratch(const lf_conv *s)
     const long taps = s->size * s->size, slack = 64 / (long)sizeof(lf_real);
     const long forward = taps * s->in * padded(s->out);
     const long dx = taps * s->out * padded(s->in);
-    const long dw = lf_conv_lanes(s) * (taps * s->in + 1) * s->out;
+    const long dw = lf_conv_dw_scratch(s);
     const long most = forward > dx ? forward : dx;
     return slack + (most > dw ? most : dw);
 }

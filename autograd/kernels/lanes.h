@@ -6,5 +6,7 @@
 #include "autograd/kernels/kernels.h"
 
 long lf_conv_lanes(const lf_conv *s);
+/* Numbers of scratch that the gradient of the filter needs. */
+long lf_conv_dw_scratch(const lf_conv *s);
 
 #endif
