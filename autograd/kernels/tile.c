@@ -104,7 +104,10 @@ LF_INLINE void outer(const int rows, const int vectors, const lf_pixels *g, long
 {
     const long last = width - (vectors - 1) * LF_LANES;
     sums sum;
-    UNROLL for (int i = 0; i < rows; i++) load_row(vectors, false, w + i * w_step, last, sum[i]);
+    UNROLL for (int i = 0; i < rows; i++) UNROLL for (int v = 0; v < vectors; v++) sum[i][v] =
+        (lf_vec){0};
+    UNROLL for (int i = 0; i < rows; i++) UNROLL for (int v = 0; v < vectors; v++)
+        __builtin_prefetch(w + i * w_step + v * LF_LANES, 1);
     for (long l = 0, n = 0; n < g->images; l + 1 < g->lines ? l++ : (l = 0, n++)) {
         const lf_real *xp = x + n * g->x_image + l * g->x_line;
         const lf_real *yp = y + n * g->y_image + l * g->y_line;
@@ -118,7 +121,20 @@ LF_INLINE void outer(const int rows, const int vectors, const lf_pixels *g, long
             }
         }
     }
-    UNROLL for (int i = 0; i < rows; i++) store_row(vectors, false, w + i * w_step, last, sum[i]);
+    /* All of it at once: each term would be rounded to what w has already. A row that ends within a
+     * vector is stored after the next one is loaded, which would wait for it. */
+    const bool whole = last == LF_LANES;
+    UNROLL for (int i = 0; i < rows; i++)
+    {
+        lf_vec old[3];
+        load_row(vectors, false, w + i * w_step, last, old);
+        UNROLL for (int v = 0; v < vectors; v++) sum[i][v] += old[v];
+        if (whole)
+            store_row(vectors, true, w + i * w_step, last, sum[i]);
+    }
+    if (!whole)
+        UNROLL for (int i = 0; i < rows; i++)
+            store_row(vectors, false, w + i * w_step, last, sum[i]);
 }
 
 /* ---- one function a size --------------------------------------------------------------------- */
