@@ -17,7 +17,6 @@
 #include <string.h>
 
 #include "autograd/kernels/gather.h"
-#include "autograd/kernels/lanes.h"
 #include "autograd/kernels/tile.h"
 
 enum {
@@ -37,7 +36,9 @@ static long filter_size(const lf_conv *s)
     return s->size * s->size * s->in * s->out;
 }
 
-long lf_conv_lanes(const lf_conv *s)
+/* How many lanes of images; lane l takes images l, l + lanes, ..., and lanes are added in their
+ * order. */
+static long lanes_of(const lf_conv *s)
 {
     const long most = s->out_height * s->out_width / LANE_PIXELS;
     return most < 1 ? 1 : min(min(most, MAX_LANES), s->images < 1 ? 1 : s->images);
@@ -51,7 +52,7 @@ static bool in_parts(const lf_conv *s)
 
 long lf_conv_dw_scratch(const lf_conv *s)
 {
-    const long lanes = lf_conv_lanes(s), each = filter_size(s) + s->out;
+    const long lanes = lanes_of(s), each = filter_size(s) + s->out;
     return (lanes == 1 ? 0 : lanes * each) + (in_parts(s) ? lanes * each : 0);
 }
 
@@ -233,7 +234,7 @@ void lf_kernel_conv_dw(const lf_conv *s, const lf_real *x, const lf_real *dy, lf
     const lf_gather g = {x,         s->images,     s->height,    s->width,
                          s->in,     s->out_height, s->out_width, s->size,
                          s->stride, s->pad};
-    const long lanes = lf_conv_lanes(s), filter = filter_size(s);
+    const long lanes = lanes_of(s), filter = filter_size(s);
     if (!lf_gather_fits(&g)) {
         lf_ref_conv_dw(s, x, dy, dw, db, scratch);
         return;
