@@ -262,12 +262,12 @@ static void expand(const along *t, const work *w, const lf_real *number, const l
 
 /* What query s adds to number i of y, as a vector still to be summed up: the keys' x [keys] times
  * `by` [keys], and re z_own + sign im z_other over the Gaussians. */
-LF_INLINE lf_vec join_number(const along *t, const lf_real *by, const lf_real *x, const lf_real *f,
+LF_INLINE lf_vec join_number(const long keys, const lf_real *by, const lf_real *x, const lf_real *f,
                              const lf_real *re, const lf_real *im, lf_real sign, const lf_real *own,
                              const lf_real *other)
 {
     lf_vec sum = {0}, more = {0};
-    for (long j = 0; j < t->keys; j += LF_LANES)
+    for (long j = 0; j < keys; j += LF_LANES)
         sum += lf_vec_load(by + j) * lf_vec_load(x + j);
     for (int b = 0; b < BASIS; b += LF_LANES)
         more += lf_vec_load(f + b) * (lf_vec_load(re + b) * lf_vec_load(own + b) +
@@ -275,27 +275,44 @@ LF_INLINE lf_vec join_number(const along *t, const lf_real *by, const lf_real *x
     return sum + more;
 }
 
-/* y_i = sum_j number_ij x_j + sum_b w_b z_ib: x, y [size, keys], z [S, size, BASIS] of one head. */
-static void join(const along *t, const work *w, const lf_real *number, const lf_real *x,
-                 const lf_real *profile, const lf_real *z, lf_real *y)
+LF_INLINE void join_keys(const long keys, const along *t, const work *w, const lf_real *number,
+                         const lf_real *x, const lf_real *weight, const lf_real *z, lf_real *y)
 {
-    const long keys = t->keys, row = t->size * BASIS, last = t->rays.samples - 1;
+    const long row = t->size * BASIS, last = t->rays.samples - 1;
     for (long i = 0; i < t->size; i++) {
         /* real part: w_re z_re - w_im z_im; imaginary part: w_re z_im + w_im z_re */
         const long plane = i / t->per;
         const long other = plane == 0 ? i : plane % 2 ? i + t->per : i - t->per;
         const lf_real sign = plane == 0 ? 0 : plane % 2 ? -1 : 1;
-        const lf_real *re = profile + (plane && plane % 2 == 0 ? other : i) * BASIS;
-        const lf_real *im = profile + (plane && plane % 2 == 0 ? i : other) * BASIS;
+        const lf_real *re = weight + (plane && plane % 2 == 0 ? other : i) * BASIS;
+        const lf_real *im = weight + (plane && plane % 2 == 0 ? i : other) * BASIS;
         for (long j = 0; j < keys; j += LF_LANES) {
             lf_vec v[LF_LANES];
+#pragma GCC unroll 16
             for (long l = 0; l < LF_LANES; l++) {
                 const long s = j + l < last ? j + l : last; /* what lies behind is not read */
-                v[l] = join_number(t, number + s * keys, x + i * keys, w->of_query + s * BASIS, re,
-                                   im, sign, z + s * row + i * BASIS, z + s * row + other * BASIS);
+                v[l] =
+                    join_number(keys, number + s * keys, x + i * keys, w->of_query + s * BASIS, re,
+                                im, sign, z + s * row + i * BASIS, z + s * row + other * BASIS);
             }
             lf_vec_store(y + i * keys + j, lf_vec_fold(v));
         }
+    }
+}
+
+/* y_i = sum_j number_ij x_j + sum_b w_b z_ib: x, y [size, keys], z [S, size, BASIS] of one head. */
+static void join(const along *t, const work *w, const lf_real *number, const lf_real *x,
+                 const lf_real *weight, const lf_real *z, lf_real *y)
+{
+    switch (t->keys / LF_LANES) {
+    case 2:
+        join_keys(2 * LF_LANES, t, w, number, x, weight, z, y);
+        break;
+    case 3:
+        join_keys(3 * LF_LANES, t, w, number, x, weight, z, y);
+        break;
+    default:
+        join_keys(t->keys, t, w, number, x, weight, z, y);
     }
 }
 
