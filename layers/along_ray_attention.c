@@ -51,28 +51,30 @@ static work make_work(lf_tape *tape, const along *t, lf_tensor *const *in)
 {
     const long keys = t->keys, field = t->n * keys, pairs = t->rays.samples * keys;
     const long wide = keys * t->size * BASIS;
-    return (work){.k = make_profile(tape, t, in[3]->value),
-                  .v = make_profile(tape, t, in[4]->value),
-                  .mask = lf_alloc_reals(tape, keys),
-                  .coarse = lf_alloc_reals(tape, keys),
-                  .rest = lf_alloc_reals(tape, keys),
-                  .near = lf_alloc_reals(tape, pairs),
-                  .of_key = lf_alloc_reals(tape, keys * BASIS),
-                  .of_query = lf_alloc_reals(tape, keys * BASIS),
-                  .of_keys = lf_alloc_reals(tape, keys * BASIS),
-                  .q = lf_alloc_reals(tape, field),
-                  .kk = lf_alloc_reals(tape, field),
-                  .vv = lf_alloc_reals(tape, field),
-                  .g = lf_alloc_reals(tape, field),
-                  .dq = lf_alloc_reals(tape, field),
-                  .dk = lf_alloc_reals(tape, field),
-                  .dv = lf_alloc_reals(tape, field),
-                  .number = lf_alloc_reals(tape, pairs),
-                  .pair = lf_alloc_reals(tape, pairs),
-                  .wide = lf_alloc_reals(tape, wide),
-                  .rows = lf_alloc_reals(tape, wide),
-                  .turned = lf_alloc_reals(tape, wide),
-                  .sum = lf_alloc_reals(tape, wide)};
+    work w = {.k = make_profile(tape, t, in[3]->value),
+              .v = make_profile(tape, t, in[4]->value),
+              .mask = lf_alloc_reals(tape, keys),
+              .coarse = lf_alloc_reals(tape, keys),
+              .rest = lf_alloc_reals(tape, keys),
+              .near = lf_alloc_reals(tape, pairs),
+              .of_key = lf_alloc_reals(tape, keys * BASIS),
+              .of_query = lf_alloc_reals(tape, keys * BASIS),
+              .of_keys = lf_alloc_reals(tape, keys * BASIS),
+              .q = lf_alloc_reals(tape, field),
+              .kk = lf_alloc_reals(tape, field),
+              .vv = lf_alloc_reals(tape, field),
+              .g = lf_alloc_reals(tape, field),
+              .dq = lf_alloc_reals(tape, field),
+              .dk = lf_alloc_reals(tape, field),
+              .dv = lf_alloc_reals(tape, field),
+              .number = lf_alloc_reals(tape, pairs),
+              .pair = lf_alloc_reals(tape, pairs),
+              .wide = lf_alloc_reals(tape, wide),
+              .rows = lf_alloc_reals(tape, wide),
+              .turned = lf_alloc_reals(tape, wide),
+              .sum = lf_alloc_reals(tape, wide)};
+    memset(w.number, 0, (size_t)pairs * sizeof *w.number); /* behind the samples: finite */
+    return w;
 }
 
 /* `count` adjacent samples of number i from point p on. */

@@ -184,14 +184,15 @@ static void load_pair(const along *t, const work *w, const lf_real *number)
         lf_vec_store(w->pair + i, lf_vec_load(number + i) * lf_vec_load(w->near + i));
 }
 
-/* number_ij = near_ij <turned_i, wide_j> + <x_i, y_j>: x, y [size, keys] of one head. */
+/* number_ij = near_ij <turned_i, wide_j> + <x_i, y_j>: x, y [size, keys] of one head; what stands
+ * behind the samples only has its factor. */
 static void products(const along *t, const work *w, const lf_real *x, const lf_real *y,
                      lf_real *number)
 {
     const long s = t->rays.samples, keys = t->keys, row = t->size * BASIS;
     const lf_pixels constant = {1, 1, t->size, 0, 0, keys, 0, 0, keys};
-    for (long j = 0, width; j < keys; j += width) {
-        width = lf_panel_width(keys, j);
+    for (long j = 0, width; j < s; j += width) {
+        width = lf_panel_width(s, j);
         const lf_product p = {.window = {1, row, 0},
                               .panel = w->wide + j,
                               .panel_step = keys,
@@ -203,8 +204,8 @@ static void products(const along *t, const work *w, const lf_real *x, const lf_r
     }
     for (long i = 0; i < s * keys; i += LF_LANES)
         lf_vec_store(number + i, lf_vec_load(number + i) * lf_vec_load(w->near + i));
-    for (long j = 0, width; j < keys; j += width) {
-        width = lf_panel_width(keys, j);
+    for (long j = 0, width; j < s; j += width) {
+        width = lf_panel_width(s, j);
         lf_tile_outer(&constant, s, width, x, y + j, number + j, keys);
     }
 }
@@ -248,8 +249,8 @@ static void expand(const along *t, const work *w, const lf_real *number, const l
             }
             lf_vec_store(x + i * keys + j, lf_vec_fold(v));
         }
-    for (long j = 0, width; j < keys; j += width) {
-        width = lf_panel_width(keys, j);
+    for (long j = 0, width; j < s; j += width) {
+        width = lf_panel_width(s, j);
         const lf_product p = {.window = {1, s, 0},
                               .panel = number + j,
                               .panel_step = keys,
