@@ -167,25 +167,38 @@ static void load_ray(const along *t, const work *w, long first, lf_tensor *const
  */
 
 /* A query's logits [keys] to weights, over the keys of the ray. */
-static void softmax_keys(const along *t, const work *w, lf_real *a)
+LF_INLINE void softmax_keys(const long keys, lf_real scale, const lf_real *mask, lf_real *a)
 {
     const lf_vec none = {0}, least = lf_vec_all(-INFINITY);
     const lf_vec_bits lane = LF_VEC_COUNT;
     lf_vec largest = least, sum = none;
-    for (long j = 0; j < t->keys; j += LF_LANES)
-        largest = lf_vec_max(largest, lf_vec_select(lf_vec_load(w->mask + j) > 0,
-                                                    t->scale * lf_vec_load(a + j), least));
+    for (long j = 0; j < keys; j += LF_LANES)
+        largest = lf_vec_max(
+            largest, lf_vec_select(lf_vec_load(mask + j) > 0, scale * lf_vec_load(a + j), least));
     for (int h = LF_LANES / 2; h > 0; h /= 2)
         largest = lf_vec_max(largest, __builtin_shuffle(largest, lane ^ h));
-    for (long j = 0; j < t->keys; j += LF_LANES) {
-        const lf_vec e = lf_vec_exp(t->scale * lf_vec_load(a + j) - largest);
-        const lf_vec kept = lf_vec_select(lf_vec_load(w->mask + j) > 0, e, none);
+    for (long j = 0; j < keys; j += LF_LANES) {
+        const lf_vec e = lf_vec_exp(scale * lf_vec_load(a + j) - largest);
+        const lf_vec kept = lf_vec_select(lf_vec_load(mask + j) > 0, e, none);
         lf_vec_store(a + j, kept);
         sum += kept;
     }
     const lf_real total = lf_vec_total(sum);
-    for (long j = 0; total > 0 && j < t->keys; j += LF_LANES)
+    for (long j = 0; total > 0 && j < keys; j += LF_LANES)
         lf_vec_store(a + j, lf_vec_load(a + j) / total);
+}
+
+/* Of all queries. */
+static void softmax(const along *t, const work *w, lf_real *a)
+{
+    const long samples = t->rays.samples, vectors = t->keys / LF_LANES;
+    for (long i = 0; i < samples; i++)
+        if (vectors == 2)
+            softmax_keys(2 * LF_LANES, t->scale, w->mask, a + i * 2 * LF_LANES);
+        else if (vectors == 3)
+            softmax_keys(3 * LF_LANES, t->scale, w->mask, a + i * 3 * LF_LANES);
+        else
+            softmax_keys(t->keys, t->scale, w->mask, a + i * t->keys);
 }
 
 static lf_real *weights_of(const along *t, long first, int head)
@@ -205,8 +218,7 @@ static void forward_head(const along *t, const work *w, long first, int head)
     load_turned(t, w, w->q + at, w->k.w + profile);
     load_wide(t, w, w->kk + at);
     products(t, w, w->q + at, w->kk + at, a);
-    for (long i = 0; i < t->rays.samples; i++)
-        softmax_keys(t, w, a + i * t->keys);
+    softmax(t, w, a);
     load_pair(t, w, a);
     load_rows(t, w, w->vv + at);
     collect(t, w, z);
