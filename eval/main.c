@@ -3,6 +3,8 @@
 
 #include "eval/check_data.h"
 #include "eval/compare.h"
+#include "eval/compare_runs.h"
+#include "eval/curves.h"
 #include "eval/equivariance.h"
 #include "eval/measure.h"
 #include "eval/options.h"
@@ -227,14 +229,55 @@ static lf_status run_check_data(const lf_arguments *a, lf_error *err)
 
 static lf_status run_reproduction(const lf_arguments *a, lf_error *err)
 {
-    static const int used[] = {OPT_OUT, OPT_QUIET, 0};
+    static const int used[] = {OPT_OUT, OPT_README, OPT_QUIET, 0};
     if (a->words != 2)
         return lf_fail(err, LF_BAD_INPUT, "reproduction takes a folder of results");
     LF_TRY(lf_options_only(a, "reproduction", used, err));
-    LF_TRY(lf_reproduction(a->word[1], a->evaluate.out, err));
+    LF_TRY(lf_reproduction(a->word[1], a->evaluate.out, a->readme, err));
     if (a->evaluate.out && !a->evaluate.quiet)
         printf("%s\n", a->evaluate.out);
     return LF_OK;
+}
+
+static lf_status run_compare_runs(const lf_arguments *a, lf_error *err)
+{
+    static const int used[] = {OPT_OUT, OPT_NAMES,   OPT_SETTING, OPT_SPLIT, OPT_PICTURES,
+                               OPT_SET, OPT_THREADS, OPT_QUIET,   0};
+    lf_run_columns runs;
+    LF_TRY(lf_options_only(a, "compare-runs", used, err));
+    if (!a->evaluate.out)
+        return lf_fail(err, LF_BAD_INPUT, "compare-runs: say with --out F.png where to draw");
+    LF_TRY(lf_run_columns_parse(a->words - 1, a->word + 1, a->names, &runs, err));
+    const lf_compare_runs_options options = {
+        .runs = &runs,
+        .split = a->evaluate.split,
+        .settings = a->evaluate.setting,
+        .sets = a->sets,
+        .set = a->set,
+        .items = lf_option_given(a, OPT_PICTURES) ? a->evaluate.pictures : 2,
+        .out = a->evaluate.out,
+        .quiet = a->evaluate.quiet};
+    const lf_status status = lf_compare_runs(&options, err);
+    lf_run_columns_free(&runs);
+    return status;
+}
+
+static lf_status run_curves(const lf_arguments *a, lf_error *err)
+{
+    static const int used[] = {OPT_OUT, OPT_NAMES, OPT_QUIET, 0};
+    lf_run_columns runs;
+    char **title;
+    LF_TRY(lf_options_only(a, "curves", used, err));
+    if (!a->evaluate.out)
+        return lf_fail(err, LF_BAD_INPUT, "curves: say with --out F.png where to draw");
+    LF_TRY(lf_run_columns_parse(a->words - 1, a->word + 1, a->names, &runs, err));
+    lf_status status = lf_run_titles(&runs, &title, NULL, err);
+    if (status == LF_OK) {
+        status = lf_curves_write(&runs, (const char *const *)title, a->evaluate.out, err);
+        lf_run_titles_free(&runs, title);
+    }
+    lf_run_columns_free(&runs);
+    return status;
 }
 
 static lf_status run_make_scene(const lf_arguments *a, lf_error *err)
@@ -258,6 +301,10 @@ static lf_status run(const lf_arguments *a, lf_error *err)
         return run_make_scene(a, err);
     if (a->words > 0 && strcmp(a->word[0], "reproduction") == 0)
         return run_reproduction(a, err);
+    if (a->words > 0 && strcmp(a->word[0], "compare-runs") == 0)
+        return run_compare_runs(a, err);
+    if (a->words > 0 && strcmp(a->word[0], "curves") == 0)
+        return run_curves(a, err);
     if (a->words > 0 && strcmp(a->word[0], "check-data") == 0)
         return run_check_data(a, err);
     if (a->words > 0 && strcmp(a->word[0], "compare-meshes") == 0)

@@ -9,7 +9,6 @@ enum { GAP = 6, TEXT = 2, LINE = 8 * TEXT + GAP }; /* pixels; TEXT scales the 5x
 #define SHADE_DIM 0.8f /* the brightest shade is 1, which white ground would swallow */
 
 static const float black[3] = {0, 0, 0}, white[3] = {1, 1, 1};
-static const float predicted_colour[3] = {0.62f, 0.74f, 0.9f}, true_colour[3] = {0.8f, 0.8f, 0.78f};
 
 lf_montage_options lf_montage_defaults(void)
 {
@@ -56,10 +55,9 @@ static float over_white(const lf_montage_row *r, const float *view, int column, 
     return (r->channels == 2 ? SHADE_DIM * p[0] : p[c]) + (1 - p[r->channels - 1]);
 }
 
-/* A view resampled to the cell: bilinear, corner pixels on corner pixels. */
-static void draw_view(lf_image *canvas, const lf_montage_row *r, int view, int cell, int left,
-                      int top)
+lf_image *lf_montage_view(const lf_montage_row *r, int view, int cell)
 {
+    lf_image *picture = lf_image_create(cell, cell, 3);
     const float *image = r->images + (long)view * r->size * r->size * r->channels;
     const float step = (float)(r->size - 1) / (float)(cell - 1);
     const int last = r->size - 1;
@@ -69,33 +67,55 @@ static void draw_view(lf_image *canvas, const lf_montage_row *r, int view, int c
             const int i = (int)u, j = (int)v, i1 = i < last ? i + 1 : last,
                       j1 = j < last ? j + 1 : last;
             const float a = u - (float)i, b = v - (float)j;
-            float *out = lf_image_at(canvas, left + x, top + y);
+            float *out = lf_image_at(picture, x, y);
             for (int c = 0; c < 3; c++)
                 out[c] = (1 - b) * ((1 - a) * over_white(r, image, i, j, c) +
                                     a * over_white(r, image, i1, j, c)) +
                          b * ((1 - a) * over_white(r, image, i, j1, c) +
                               a * over_white(r, image, i1, j1, c));
         }
+    return picture;
 }
 
-/* A mesh from viewpoint 0 (front, from the right and above) or 1 (from the left, lower). */
-static lf_status draw_mesh(lf_image *canvas, const lf_mesh *mesh, const float colour[3],
-                           int viewpoint, int cell, int left, int top, lf_error *err)
+lf_status lf_montage_mesh(const lf_mesh *mesh, lf_montage_colour colour, int viewpoint, int cell,
+                          lf_image **out, lf_error *err)
 {
+    static const float colours[2][3] = {{0.62f, 0.74f, 0.9f}, {0.8f, 0.8f, 0.78f}};
     const double centres[2][3] = {{1.5, 1.1, -1.66}, {-2.1, 0.7, -1.16}}, origin[3] = {0, 0, 0};
     const double half_angle = 0.215; /* radians; radius 0.54 at the cameras' distance of 2.5 */
     const lf_camera camera = lf_camera_look_at(centres[viewpoint], origin, half_angle, cell);
-    if (!mesh || mesh->faces < 1 || !(lf_mesh_area(mesh) > 0))
-        return LF_OK;
-    lf_mesh *painted = lf_mesh_copy(mesh);
     lf_image *picture = lf_image_create(cell, cell, 3);
-    lf_mesh_paint(painted, colour[0], colour[1], colour[2]);
-    const lf_status status = lf_render_mesh_picture(painted, &camera, white, picture->pixel, err);
+    lf_image_fill(picture, white);
+    lf_status status = LF_OK;
+    if (mesh && mesh->faces >= 1 && lf_mesh_area(mesh) > 0) {
+        lf_mesh *painted = lf_mesh_copy(mesh);
+        lf_mesh_paint(painted, colours[colour][0], colours[colour][1], colours[colour][2]);
+        status = lf_render_mesh_picture(painted, &camera, white, picture->pixel, err);
+        lf_mesh_free(painted);
+    }
     if (status == LF_OK)
-        lf_image_paste(canvas, picture, left, top, 1);
-    lf_image_free(picture);
-    lf_mesh_free(painted);
+        *out = picture;
+    else
+        lf_image_free(picture);
     return status;
+}
+
+static void draw_view(lf_image *canvas, const lf_montage_row *r, int view, int cell, int left,
+                      int top)
+{
+    lf_image *picture = lf_montage_view(r, view, cell);
+    lf_image_paste(canvas, picture, left, top, 1);
+    lf_image_free(picture);
+}
+
+static lf_status draw_mesh(lf_image *canvas, const lf_mesh *mesh, lf_montage_colour colour,
+                           int viewpoint, int cell, int left, int top, lf_error *err)
+{
+    lf_image *picture = NULL;
+    LF_TRY(lf_montage_mesh(mesh, colour, viewpoint, cell, &picture, err));
+    lf_image_paste(canvas, picture, left, top, 1);
+    lf_image_free(picture);
+    return LF_OK;
 }
 
 static lf_status draw_row(lf_image *canvas, const lf_montage_row *r, const lf_montage_options *o,
@@ -110,9 +130,9 @@ static lf_status draw_row(lf_image *canvas, const lf_montage_row *r, const lf_mo
     for (int i = 0; i < views; i++)
         draw_view(canvas, r, i * r->views / views, o->cell, column_left(o, i), top);
     for (int i = 0; i < o->viewpoints; i++) {
-        LF_TRY(draw_mesh(canvas, r->predicted, predicted_colour, i, o->cell,
+        LF_TRY(draw_mesh(canvas, r->predicted, LF_MONTAGE_PREDICTED, i, o->cell,
                          column_left(o, o->views + i), top, err));
-        LF_TRY(draw_mesh(canvas, r->truth, true_colour, i, o->cell,
+        LF_TRY(draw_mesh(canvas, r->truth, LF_MONTAGE_TRUE, i, o->cell,
                          column_left(o, o->views + o->viewpoints + i), top, err));
     }
     return LF_OK;

@@ -8,6 +8,7 @@
 #define LF_EVAL_MONTAGE_H
 
 #include "autograd/status.h"
+#include "datasets/image.h"
 #include "datasets/mesh.h"
 
 #ifdef __cplusplus
@@ -36,6 +37,17 @@ lf_montage_options lf_montage_defaults(void);
  * rendered; LF_FAILED: the file cannot be written. */
 lf_status lf_montage_write(const char *path, long rows, const lf_montage_row *row,
                            const lf_montage_options *options, lf_error *err);
+
+/* ---- its parts, as new images of cell x cell x 3 on white, which the caller frees ---- */
+
+/* One of the row's views, resampled: bilinear, corner pixels on corner pixels. */
+lf_image *lf_montage_view(const lf_montage_row *row, int view, int cell);
+
+typedef enum lf_montage_colour { LF_MONTAGE_PREDICTED, LF_MONTAGE_TRUE } lf_montage_colour;
+/* A mesh from viewpoint 0 (front, from the right and above) or 1 (from the left, lower); white if
+ * it is NULL or has no surface. Errors of lf_render_mesh_picture. */
+lf_status lf_montage_mesh(const lf_mesh *mesh, lf_montage_colour colour, int viewpoint, int cell,
+                          lf_image **out, lf_error *err);
 
 #ifdef __cplusplus
 }

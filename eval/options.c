@@ -26,11 +26,15 @@ static void print_help(FILE *out)
         "forward\n"
         "elf-eval reproduction DIR [--out F.md]    the paper's figures and the results in DIR, a "
         "table each\n"
+        "elf-eval compare-runs RUN... --out F.png  what several trained systems make of the same "
+        "shapes or\n"
+        "                                          views; RUN,RUN: of several parts; none\n"
+        "elf-eval curves RUN... --out F.png        their losses against steps and seconds\n"
         "\n"
         "  --checkpoint F    a checkpoint, or a run's folder (its newest checkpoint)\n"
         "  --setting S       I, Z, R, Y or SO3 (default: the training's); renderers: I or SO3, "
         "which\n"
-        "                    turns the frame six times\n"
+        "                    turns the frame six times; compare-runs: several, as I,Z\n"
         "  --split S         train, val or test (default test)\n"
         "  --shapes N        at most N shapes (renderers: scenes)\n"
         "  --json F          write the report as JSON (compare-* print it as well)\n"
@@ -40,7 +44,8 @@ static void print_help(FILE *out)
         "  --path P          spiral or orbit: numbered frames in --out, and how to make a video\n"
         "  --frames N        frames of the path (default 60)\n"
         "  --no-baselines    renderers: do not score what learns nothing\n"
-        "  --pictures N      rows of the picture (default 6)\n"
+        "  --pictures N      rows of the picture (default 6); compare-runs: shapes or views of a "
+        "part (2)\n"
         "  --roll DEGREES    roll every view by this as well and render it again\n"
         "  --dense           evaluate the whole grid instead of coarse to fine (the same mesh)\n"
         "  --exact           Chamfer to the surface instead of to its samples\n"
@@ -61,6 +66,9 @@ static void print_help(FILE *out)
         "  --measure F       write what the network gives, unscored, with seconds and memory: "
         "what\n"
         "                    --speed-error starts for each setting (docs/formats.md)\n"
+        "  --names A,B,...   compare-runs, curves: what the runs are called (default: their "
+        "folders)\n"
+        "  --readme F        reproduction: rewrite the block between its marks in F as well\n"
         "  --quiet, --help, --help-config, --version\n"
         "\n"
         "Metrics:\n",
@@ -114,6 +122,8 @@ static const struct option option_table[] = {
     {"speed-error", no_argument, NULL, OPT_SPEED_ERROR},
     {"repeats", required_argument, NULL, OPT_REPEATS},
     {"measure", required_argument, NULL, OPT_MEASURE},
+    {"names", required_argument, NULL, OPT_NAMES},
+    {"readme", required_argument, NULL, OPT_README},
     {"help", no_argument, NULL, OPT_HELP},
     {"help-config", no_argument, NULL, OPT_HELP_CONFIG},
     {"version", no_argument, NULL, OPT_VERSION},
@@ -237,6 +247,12 @@ static lf_status parse_option(lf_arguments *a, int option, lf_error *err)
         return parse_number("repeats", optarg, 1, 100, &a->repeats, err);
     case OPT_MEASURE:
         a->measure = optarg;
+        return LF_OK;
+    case OPT_NAMES:
+        a->names = optarg;
+        return LF_OK;
+    case OPT_README:
+        a->readme = optarg;
         return LF_OK;
     case OPT_ROLL:
         return parse_roll(optarg, &a->evaluate.roll, err);

@@ -17,6 +17,7 @@ typedef struct lf_arguments {
     bool speed;     /* --speed-error */
     long repeats;   /* of --speed-error */
     const char *measure;
+    const char *names, *readme; /* of compare-runs and curves; of reproduction */
     long samples;
     bool normalise, done;
     lf_evaluate_options evaluate;
@@ -59,6 +60,8 @@ enum {
     OPT_SPEED_ERROR,
     OPT_REPEATS,
     OPT_MEASURE,
+    OPT_NAMES,
+    OPT_README,
     OPT_HELP,
     OPT_HELP_CONFIG,
     OPT_VERSION

@@ -196,6 +196,15 @@ static int widest_tick(const layout *l, const axis *a)
     return widest;
 }
 
+/* Room for the right half of the x axis' last number. */
+static int right_margin(const layout *l)
+{
+    char text[32];
+    tick_text(&l->x, l->x.tick[l->x.ticks - 1], text);
+    const int needed = text_width(l, text) / 2 + GAP / 2;
+    return needed > 3 * GAP ? needed : 3 * GAP;
+}
+
 static lf_status lay_out(const lf_plot *p, layout *l, lf_error *err)
 {
     *l = (layout){.width = p->width ? p->width : 640, .height = p->height ? p->height : 420};
@@ -211,7 +220,7 @@ static lf_status lay_out(const lf_plot *p, layout *l, lf_error *err)
     set_ticks(&l->x);
     set_ticks(&l->y);
     l->x.from = GAP + (p->y_label ? line_height(l) : 0) + widest_tick(l, &l->y) + GAP;
-    l->x.to = l->width - 1 - 3 * GAP;
+    l->x.to = l->width - 1 - right_margin(l);
     l->legend_rows = legend_rows(l, p);
     l->y.to = 2 * GAP + ((p->title != NULL) + l->legend_rows) * line_height(l);
     l->y.from = l->height - 1 - GAP - (1 + (p->x_label != NULL)) * line_height(l);

@@ -36,8 +36,7 @@ static lf_render_view_options view_options(const evaluation *e, const lf_motion 
     return (lf_render_view_options){.sources = lf_render_sources(e->loaded), .motion = motion};
 }
 
-/* The frame of rotation k, the same for every view. */
-static lf_motion motion_of(long k)
+lf_motion lf_render_rotation(long k)
 {
     lf_stream s = lf_stream_at(1, LF_RANDOM_SETTING, (uint64_t)k, 77);
     return lf_motion_random(&s, 0);
@@ -156,7 +155,7 @@ static lf_status render_frames(evaluation *e, const lf_scene_entry *entry, long 
 {
     const int frames = e->turns ? LF_ROTATIONS : 1;
     for (int k = 0; k < frames; k++) {
-        const lf_motion motion = motion_of(k);
+        const lf_motion motion = lf_render_rotation(k);
         const lf_render_view_options o = view_options(e, e->turns ? &motion : NULL);
         lf_render_view v;
         LF_TRY(lf_render_view_open(entry, target, &o, &v, err));

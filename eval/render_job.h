@@ -43,6 +43,8 @@ typedef struct lf_render_job {
  * be read. */
 enum { LF_ROTATIONS = 6 };
 lf_status lf_render_evaluate(lf_loaded_renderer *loaded, const lf_render_job *job, lf_error *err);
+/* The frame of rotation k, the same for every view. */
+lf_motion lf_render_rotation(long k);
 
 /* Render a path through each scene to <out>/<scene>/frame-%04d.png, names as in file_names.h. */
 lf_status lf_render_path(lf_loaded_renderer *loaded, const lf_render_job *job, lf_error *err);

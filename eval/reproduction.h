@@ -34,11 +34,13 @@ typedef struct lf_result {
         *of;
     json_int_t seed, steps, pixels, train_items, test_items, parameters;
     double seconds, peak_rss_mb, flop, flop_forward;
+    double item_seconds;              /* of a test item; NaN: not there */
     double figure[LF_RESULT_FIGURES]; /* NaN: not there, or null */
     json_t *json;
 } lf_result;
 
 typedef struct lf_results {
+    char *folder;
     json_t *paper;
     long count;
     lf_result *result; /* by file name */
@@ -56,8 +58,17 @@ void lf_results_print(const lf_results *results, FILE *out);
 void lf_results_print_counts(const lf_results *results, FILE *out);
 void lf_results_print_runs(const lf_results *results, FILE *out);
 
-/* The job: read the folder, replace `path` whole or not at all (NULL: print to stdout). */
-lf_status lf_reproduction(const char *folder, const char *path, lf_error *err);
+/* What the front page shows of two tables, in the best size that is there: paper, small, tiny,
+ * quick. False, and nothing printed, if neither was run. */
+bool lf_results_print_front(const lf_results *results, FILE *out);
+/* The text of the page `path` with that between its two marks, or as it is if nothing was run; the
+ * caller frees it. LF_BAD_INPUT: no such page, or no marks. */
+lf_status lf_results_front_page(const lf_results *results, const char *path, char **out,
+                                lf_error *err);
+
+/* The job: read the folder, replace `path` whole or not at all (NULL: print to stdout), and so the
+ * front page `readme` unless it is NULL. */
+lf_status lf_reproduction(const char *folder, const char *path, const char *readme, lf_error *err);
 
 #ifdef __cplusplus
 }

@@ -37,7 +37,8 @@ static lf_status read_figures(json_t *figures, lf_result *r, lf_error *err)
     return LF_OK;
 }
 
-/* A key of a result: 's' a text, 'I' a whole number, 'F' a number, 'o' an object; where it goes. */
+/* A key of a result: 's' a text, 'I' a whole number, 'F' a number, 'f' one that may be missing, 'o'
+ * an object; where it goes. */
 typedef struct field {
     const char *key;
     char type;
@@ -68,6 +69,7 @@ static const field run_field[] = {FIELD("experiment", 's', experiment),
                                   FIELD("parameters", 'I', parameters),
                                   FIELD("train_seconds", 'F', seconds),
                                   FIELD("peak_rss_mb", 'F', peak_rss_mb),
+                                  FIELD("seconds_per_item", 'f', item_seconds),
                                   {"figures", 'o', 0},
                                   {NULL, 0, 0}};
 
@@ -88,20 +90,24 @@ static lf_status read_field(lf_result *r, const field *f, lf_error *err)
 {
     const json_t *value = json_object_get(r->json, f->key);
     char *to = (char *)r + f->at;
+    if (!value && f->type == 'f') {
+        *(double *)(void *)to = NAN;
+        return LF_OK;
+    }
     if (!value)
         return lf_fail(err, LF_BAD_INPUT, "%s is missing", f->key);
     if (f->type == 's' && json_is_string(value))
         *(const char **)(void *)to = json_string_value(value);
     else if (f->type == 'I' && json_is_integer(value))
         *(json_int_t *)(void *)to = json_integer_value(value);
-    else if (f->type == 'F' && json_is_number(value))
+    else if ((f->type == 'F' || f->type == 'f') && json_is_number(value))
         *(double *)(void *)to = json_number_value(value);
     else if (f->type != 'o' || !json_is_object(value))
         return lf_fail(err, LF_BAD_INPUT, "%s must be %s", f->key,
                        f->type == 's'   ? "a text"
                        : f->type == 'I' ? "a whole number"
-                       : f->type == 'F' ? "a number"
-                                        : "an object");
+                       : f->type == 'o' ? "an object"
+                                        : "a number");
     return LF_OK;
 }
 
@@ -322,7 +328,8 @@ static lf_status read_all(const char *folder, lf_results *r, lf_error *err)
 
 lf_status lf_results_read(const char *folder, lf_results *out, lf_error *err)
 {
-    lf_results r = {0};
+    lf_results r = {.folder = strdup(folder)};
+    LF_REQUIRE(r.folder, "out of memory");
     lf_status status = read_all(folder, &r, err);
     if (status == LF_OK) {
         status = read_paper(folder, &r.paper, err);
@@ -341,6 +348,7 @@ void lf_results_free(lf_results *r)
 {
     for (long i = 0; i < r->count; i++)
         json_decref(r->result[i].json);
+    free(r->folder);
     free(r->result);
     json_decref(r->paper);
     *r = (lf_results){0};

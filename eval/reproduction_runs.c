@@ -74,6 +74,8 @@ typedef struct summary {
     range steps, pixels, train, test, seed;
     int trainings;
     double seconds, peak, empty; /* sum over trainings; largest; meshes without a surface */
+    double item_seconds;         /* sum over the tests that tell it */
+    int told;
     char commits[256];
 } summary;
 
@@ -117,6 +119,10 @@ static summary summary_of(const lf_results *r, long first)
         s.seed = joined(s.seed, b->seed);
         s.peak = fmax(s.peak, b->peak_rss_mb);
         s.empty += b->figure[lf_result_figure_of("empty")]; /* NaN: renderers */
+        if (!isnan(b->item_seconds)) {
+            s.item_seconds += b->item_seconds;
+            s.told++;
+        }
         add_commit(&s, b->commit);
         if (new_training(r, i)) {
             s.trainings++;
@@ -140,7 +146,12 @@ static void print_run(const lf_result *a, const summary *s, FILE *out)
         fputs(" – |", out);
     else
         fprintf(out, " %.0f |", s->empty);
-    fprintf(out, " %.0f | %.0f | %s |\n", s->seconds / s->trainings, s->peak, s->commits);
+    fprintf(out, " %.0f | %.0f |", s->seconds / s->trainings, s->peak);
+    if (s->told)
+        fprintf(out, " %.2f |", s->item_seconds / s->told);
+    else
+        fputs(" – |", out);
+    fprintf(out, " %s |\n", s->commits);
 }
 
 /* The keys that a size adds, each with the systems that it adds them to. */
@@ -179,7 +190,10 @@ void lf_results_print_runs(const lf_results *r, FILE *out)
         "Pixels of photographs: at most. Empty: meshes without a surface, over all tests; they "
         "count with\n"
         "the worst value. Seconds: of one training without making its data, mean over trainings.\n"
-        "MB: largest resident memory of a training.\n\n",
+        "MB: largest resident memory of a training. An item: seconds from views to mesh, or of a "
+        "rendered\n"
+        "view, mean over the tests that tell them. Seconds are of a machine that may have done "
+        "other work, too.\n\n",
         out);
     for (long i = 0; i < r->count; i++) {
         bool first = is_run(&r->result[i]);
@@ -190,8 +204,8 @@ void lf_results_print_runs(const lf_results *r, FILE *out)
         if (runs++ == 0)
             fputs("| size, data | system | config and keys | steps | pixels | training items | "
                   "test items | "
-                  "seeds | trainings | empty | seconds | MB | commit |\n"
-                  "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+                  "seeds | trainings | empty | seconds | MB | an item | commit |\n"
+                  "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
                   out);
         const summary s = summary_of(r, i);
         print_run(&r->result[i], &s, out);

@@ -5,11 +5,12 @@
 #include <math.h>
 
 #include "datasets/image.h"
+#include "eval/labels.h"
 #include "eval/plot.h"
 
 enum { PANEL_WIDTH = 640, PANEL_HEIGHT = 420, COLUMNS = 2, LINE = 22, MARGIN = 12, TEXT = 2 };
 
-static const float white[3] = {1, 1, 1}, black[3] = {0, 0, 0};
+static const float white[3] = {1, 1, 1}, black[3] = {0, 0, 0}, grey[3] = {0.55f, 0.55f, 0.55f};
 
 /* One plot: a point for each row but the exact result. */
 typedef struct panel {
@@ -65,15 +66,45 @@ static panel panel_create(const lf_speed_report *r, lf_speed_front kind)
     return p;
 }
 
-/* Number i beside its point. */
-static lf_status mark(const panel *p, const lf_plot *plot, lf_image *image, long i, lf_error *err)
+/* A thin line from a point to the nearest place of its text. */
+static void draw_leader(lf_image *image, const lf_label *l)
 {
-    char text[24];
-    double at[2];
-    LF_TRY(lf_plot_place(plot, p->x[i], p->y[i], at, err));
-    snprintf(text, sizeof text, "%ld", i);
-    lf_image_text(image, text, (int)at[0] + 5, (int)at[1] - 10, 1, black);
-    return LF_OK;
+    const double to[2] = {fmin(fmax(l->x, l->left), l->left + l->width),
+                          fmin(fmax(l->y, l->top), l->top + l->height)};
+    const int steps = (int)ceil(fmax(fabs(to[0] - l->x), fabs(to[1] - l->y)));
+    for (int k = 1; k < steps; k++) {
+        const double t = (double)k / steps;
+        memcpy(lf_image_at(image, (int)lround(l->x + t * (to[0] - l->x)),
+                           (int)lround(l->y + t * (to[1] - l->y))),
+               grey, sizeof grey);
+    }
+}
+
+/* The number of each row beside its point. */
+static lf_status mark(const panel *p, const lf_plot *plot, lf_image *image, lf_error *err)
+{
+    const lf_label_room room = {0, 0, image->width, image->height, 3.5};
+    const long first = LF_SPEED_CONFIG, count = p->report->rows - first;
+    lf_label *label = calloc((size_t)count + 1, sizeof *label);
+    LF_REQUIRE(label, "out of memory for %ld settings", count);
+    lf_status status = LF_OK;
+    for (long i = 0; status == LF_OK && i < count; i++) {
+        double at[2] = {0, 0};
+        status = lf_plot_place(plot, p->x[first + i], p->y[first + i], at, err);
+        const int letters = snprintf(NULL, 0, "%ld", first + i);
+        label[i] = (lf_label){at[0], at[1], lf_image_text_width(letters, 1) - 1, 7, 0, 0, false};
+    }
+    if (status == LF_OK)
+        lf_labels_place(&room, count, label);
+    for (long i = 0; status == LF_OK && i < count; i++) {
+        char text[24];
+        snprintf(text, sizeof text, "%ld", first + i);
+        if (label[i].led)
+            draw_leader(image, &label[i]);
+        lf_image_text(image, text, label[i].left, label[i].top, 1, black);
+    }
+    free(label);
+    return status;
 }
 
 static lf_status panel_draw(const panel *p, lf_image **out, lf_error *err)
@@ -97,14 +128,10 @@ static lf_status panel_draw(const panel *p, lf_image **out, lf_error *err)
                           .series = 4,
                           .line = line};
     LF_TRY(lf_plot_draw(&plot, out, err));
-    for (long i = config; i < r->rows; i++) {
-        const lf_status status = mark(p, &plot, *out, i, err);
-        if (status != LF_OK) {
-            lf_image_free(*out);
-            return status;
-        }
-    }
-    return LF_OK;
+    const lf_status status = mark(p, &plot, *out, err);
+    if (status != LF_OK)
+        lf_image_free(*out);
+    return status;
 }
 
 static lf_status add_panel(const lf_speed_report *r, lf_speed_front kind, lf_image *picture,

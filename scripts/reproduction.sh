@@ -19,6 +19,7 @@ describe() {
     ibrnet) config=render-tiny keys="model.type=ibrnet" ;;
     renderer-without-along-ray) config=render-tiny keys="render.along_ray=false" ;;
     renderer-scalars) config=render-tiny keys="render.types=0" ;;
+    renderer-wide) config=render-tiny keys="render.channels=8" ;;
     esac
 }
 
@@ -103,9 +104,10 @@ runs_of() {
         systems="equivariant ibrnet-sdf-plain ibrnet-sdf-plain-equal-cost ibrnet-sdf" categories=chair
         settings="Y:Y,SO3 SO3:SO3" ;;
     rendering)
-        for system in renderer ibrnet renderer-without-along-ray renderer-scalars; do
+        for system in renderer ibrnet renderer-wide renderer-without-along-ray renderer-scalars; do
             echo "built-in $system all I I,SO3"
-            [ ! -d "$data/scenes" ] || echo "files $system all I I,SO3"
+            # of real scenes the renderer is as wide already: configs/render-real.ini
+            [ ! -d "$data/scenes" ] || [ $system = renderer-wide ] || echo "files $system all I I,SO3"
         done
         return ;;
     counts) return ;;

@@ -128,6 +128,15 @@ expect 0 'SO3' "$eval" --checkpoint ibrnet --setting SO3 --views 1 --no-baseline
 expect 0 'colour moves' "$eval" --checkpoint renderer --check-equivariance 3 --shapes 1 --json moved.json
 grep -q '"experiment": "rendering equivariance"' moved.json || fail "moved.json does not say what it is"
 grep -q '"pixel_variance"' moved.json || fail "--check-equivariance writes no JSON"
+# several renderers in one picture
+expect 0 'ibrnet' "$eval" compare-runs renderer ibrnet none --names ours,theirs,none --pictures 1 --out several.png
+[ -s several.png ] || fail "no picture of several renderers"
+expect 0 '' "$eval" curves renderer ibrnet --out curves.png
+is_png curves.png 1440 388
+expect 2 'always shown' "$eval" compare-runs renderer ibrnet --setting Z --out no.png
+expect 0 'parameters' "$train" tiny.ini --out small --set data.scene_size=20 --set train.steps=2
+expect 2 'scenes differ' "$eval" compare-runs renderer small --out no.png
+[ -e no.png ] && fail "a refused picture was written"
 for path in orbit spiral; do
     expect 0 'ffmpeg' "$eval" --checkpoint whole --path $path --frames 2 --out $path \
         --set data.test_scenes=forward --set data.test_builtin=0

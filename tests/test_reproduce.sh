@@ -6,7 +6,8 @@ script=$source/scripts/reproduce
 export OMP_NUM_THREADS=1 # busy machines
 export ELF_BUILD=$here/build
 mkdir -p build/train build/eval && ln -s "$train" build/train/elf-train && ln -s "$eval" build/eval/elf-eval
-reproduce() { "$script" --size test --only ibrnet-sdf --out runs --docs docs "$@"; }
+printf 'Front\n<!-- results: written by scripts/reproduce, edit nothing -->\n<!-- end of results -->\nBack\n' >front.md
+reproduce() { "$script" --size test --only ibrnet-sdf --out runs --docs docs --readme front.md "$@"; }
 results() { find "$1" -name 'result-*.json' 2>/dev/null | wc -l; }
 
 ### Stopped half-way, by a signal that can be caught and by one that cannot
@@ -47,6 +48,41 @@ expect 0 '8 runs, 8 done before' reproduce
 cat out | grep -q '^run ' && fail "a finished run was run again"
 cmp -s page.md docs/reproduction.md || fail "the same results make another page"
 
+### Pictures: made once, of all four systems, on the page; again if one is lost or a training is newer
+
+picture=docs/reproduction/test-built-in-ibrnet-sdf
+for file in $picture.png $picture-curves.png; do
+    [ -s $file ] && [ "$(wc -c <$file)" -le 400000 ] || fail "$file: not there, or too large"
+    grep -q "(${file#docs/})" docs/reproduction.md || fail "$file is not on the page"
+done
+grep -q '^picture: ' out && fail "a picture was made again"
+grep -q '^| chair | equivariant | not run / 0.731 | not run / 0.631 | not run / 0.592 | 0\.[0-9]* / 0.674 |$' front.md ||
+    fail "the front page does not say what was run"
+grep -q '^Back$' front.md || fail "the front page lost its end"
+rm $picture-curves.png
+expect 0 '^picture: ' reproduce --draw
+[ -s $picture-curves.png ] || fail "a lost picture was not made again"
+touch runs/test/built-in/ibrnet-sdf-chair-Y-0/trained
+expect 0 '^picture: ' reproduce --draw
+expect 0 'what was run so far' reproduce --draw
+grep -q '^picture: ' out && fail "a picture was made again"
+expect 0 'run so far' "$script" --size test --only table1 --draw --out runs --docs docs --readme front.md
+[ -e docs/reproduction/test-built-in-table1.png ] && fail "a picture of one system" # equivariant, in Y
+
+run_of() { echo runs/test/built-in/$1-chair-Y-0; }
+expect 0 '' "$eval" compare-runs $(run_of ibrnet-sdf),$(run_of equivariant) none,$(run_of ibrnet-sdf) --names a,b \
+    --pictures 1 --quiet --out two.png
+[ -s two.png ] || fail "no picture of two parts"
+expect 2 'every column must have 1' "$eval" compare-runs $(run_of equivariant) a,b --out no.png
+expect 2 'give 1 names' "$eval" compare-runs $(run_of equivariant) --names a,b --out no.png
+expect 2 'part 1 has no run' "$eval" compare-runs none --out no.png
+expect 2 'must end in .png' "$eval" compare-runs $(run_of equivariant) --out no.jpg
+expect 2 'nowhere' "$eval" compare-runs nowhere --out no.png
+expect 2 'unknown|setting|give' "$eval" compare-runs $(run_of equivariant) --setting I,Q --out no.png
+expect 2 'say with --out' "$eval" curves $(run_of equivariant)
+expect 2 'at most 6' "$eval" curves $(for _ in 1 2 3 4 5 6 7; do run_of equivariant; done) --out no.png
+[ -e no.png ] && fail "a refused picture was written"
+
 # killed before its first checkpoint: a folder without one is begun again
 run=runs/test/built-in/ibrnet-sdf-chair-SO3-0
 rm -rf $run/checkpoints $run/result-*.json $run/trained
@@ -73,6 +109,7 @@ expect 2 '\-\-seeds 0' "$script" --seeds 0
 expect 2 '\-\-size huge' "$script" --size huge
 expect 2 'neither shapes/ nor scenes/' "$script" --data nowhere
 expect 2 'takes a value' "$script" --only
+expect 2 'no lines between which' "$script" --readme page.md
 expect 2 'not an option' "$script" --fast
 cp docs/reproduction/test-built-in-ibrnet-sdf-chair-Y-Y-0.json docs/reproduction/twice.json
 expect 2 'twice\.json' "$eval" reproduction docs/reproduction --out page.md

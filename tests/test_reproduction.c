@@ -116,9 +116,8 @@ static void test_means_and_spread(void **state)
     assert_has(page, "| Theirs | paper | – / – | – / – |\n"
                      "| | elf, tiny, built-in | not run | not run |\n");
     assert_has(page, "| R | paper | 26.90 / 0.100 |\n| | elf | not run |\n");
-    assert_has(
-        page,
-        "| tiny, built-in | ours | c | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | 200 | abc |");
+    assert_has(page, "| tiny, built-in | ours | c | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | "
+                     "200 | – | abc |");
     assert_has(page, "- tiny, ours: `a.b=1`\n");
     free(page);
 }
@@ -140,7 +139,8 @@ static void test_renderers_and_counts(void **state)
         "\"train_setting\": \"I\", \"eval_setting\": \"SO3\", \"seed\": 0, \"steps\": 5, "
         "\"pixels\": 9,\n"
         "\"train_items\": 2, \"test_items\": 3, \"parameters\": 4, \"train_seconds\": 1,\n"
-        "\"peak_rss_mb\": 2, \"commit\": \"abc\", \"figures\": {\"psnr\": 31.256, \"ssim\": 0.9,\n"
+        "\"peak_rss_mb\": 2, \"seconds_per_item\": 0.257, \"commit\": \"abc\", \"figures\": "
+        "{\"psnr\": 31.256, \"ssim\": 0.9,\n"
         "\"lpips\": null, \"pixel_variance\": 0}}\n");
     put(f, "n.json",
         "{\"experiment\": \"count\", \"system\": \"r\", \"config\": \"c\", \"keys\": \"k=1\",\n"
@@ -149,7 +149,8 @@ static void test_renderers_and_counts(void **state)
     char *page = page_of(f);
     assert_has(page, "| | elf, quick, files | 31.26 / – |\n");
     assert_has(page, "| quick | r | c k=1 | 4 | 2.00 | 6.00 | 2 rays |\n");
-    assert_has(page, "| quick, files | r | c k=1 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | abc |");
+    assert_has(page,
+               "| quick, files | r | c k=1 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | 0.26 | abc |");
     free(page);
 }
 
@@ -159,15 +160,94 @@ static void test_job_replaces_the_page(void **state)
     char path[160], line[64];
     lf_error err = {""};
     snprintf(path, sizeof path, "%s/page.md", f->path);
-    assert_int_equal(lf_reproduction(f->path, path, &err), LF_OK);
+    assert_int_equal(lf_reproduction(f->path, path, NULL, &err), LF_OK);
     FILE *file = fopen(path, "r");
     assert_non_null(fgets(line, sizeof line, file));
     fclose(file);
     assert_string_equal(line, "# Reproduction\n");
     put(f, "broken.json", "{");
-    assert_int_equal(lf_reproduction(f->path, path, &err), LF_BAD_INPUT);
+    assert_int_equal(lf_reproduction(f->path, path, NULL, &err), LF_BAD_INPUT);
     assert_int_equal(access(path, R_OK), 0); /* the old one is still there */
-    assert_int_equal(lf_reproduction("/nowhere/at/all", path, &err), LF_BAD_INPUT);
+    assert_int_equal(lf_reproduction("/nowhere/at/all", path, NULL, &err), LF_BAD_INPUT);
+}
+
+/* ---- the front page ---- */
+
+static const char front[] =
+    "Above\n<!-- results: written by scripts/reproduce, edit nothing -->\nold\n"
+    "<!-- end of results -->\nBelow\n";
+
+/* The front page of the folder, made of `before`; the caller frees it. */
+static char *front_of(const folder *f, const char *before)
+{
+    char path[160], *page = NULL;
+    lf_results r;
+    lf_error err = {""};
+    put(f, "front.md", before);
+    snprintf(path, sizeof path, "%s/front.md", f->path);
+    if (lf_results_read(f->path, &r, &err) != LF_OK ||
+        lf_results_front_page(&r, path, &page, &err) != LF_OK)
+        fail_msg("%s", err.text);
+    lf_results_free(&r);
+    return page;
+}
+
+static void put_front_paper(const folder *f)
+{
+    put(f, "paper.json",
+        "{\"paper\": \"P\", \"tables\": [\n"
+        " {\"name\": \"table1\", \"title\": \"T\", \"source\": \"S\", \"experiment\":\n"
+        "  \"reconstruction\", \"figures\": [\"chamfer_l1\", \"iou\"], \"settings\":\n"
+        "  [\"I/Z\", \"I/I\"], \"rows\": [{\"category\": \"chair\", \"system\": \"ours\",\n"
+        "  \"label\": \"Ours\", \"values\": [[0.1, 0.61], [0.2, 0.71]]},\n"
+        "  {\"category\": \"car\", \"system\": \"ours\", \"label\": \"Ours\",\n"
+        "  \"values\": [[0.1, 0.61], [0.2, 0.71]]}]}]}\n");
+}
+
+/* Means and spread of the largest size, the paper's figure beside; what was not run says so. */
+static void test_front_page(void **state)
+{
+    const folder *f = *state;
+    put_front_paper(f);
+    char *page = front_of(f, front);
+    assert_has(page, "Above\n<!-- results: written by scripts/reproduce, edit nothing -->\n");
+    assert_has(page, "(size tiny, built-in data: 10 steps, 400 shapes trained on, 40 tested):\n");
+    assert_has(page, "| chair | Ours | 0.600 ± 0.141 / 0.710 | not run / 0.610 | not run / – | not "
+                     "run / – |\n");
+    assert_has(page, "\nNot run: car.\n");
+    assert_has(page, "\nRendering: not run.\n\n<!-- end of results -->\nBelow\n");
+    assert_null(strstr(page, "old"));
+    char *again = front_of(f, page);
+    assert_string_equal(again, page);
+    free(page);
+    free(again);
+}
+
+static void test_front_page_is_left(void **state)
+{
+    const folder *f = *state;
+    char path[160], *page = front_of(f, front); /* paper.json has neither table */
+    assert_string_equal(page, front);
+    free(page);
+    lf_results r;
+    lf_error err = {""};
+    put(f, "front.md", "Above\nBelow\n");
+    snprintf(path, sizeof path, "%s/front.md", f->path);
+    assert_int_equal(lf_results_read(f->path, &r, &err), LF_OK);
+    assert_int_equal(lf_results_front_page(&r, path, &page, &err), LF_BAD_INPUT);
+    assert_has(err.text, "front.md");
+    lf_results_free(&r);
+}
+
+static void test_pictures_that_are_there(void **state)
+{
+    const folder *f = *state;
+    put(f, "tiny-built-in-one.png", "");
+    char *page = page_of(f);
+    assert_has(page, "(reproduction/tiny-built-in-one.png)\n");
+    assert_null(strstr(page, "one-curves"));
+    assert_null(strstr(page, "built-in-two"));
+    free(page);
 }
 
 static void test_bad_results(void **state)
@@ -257,6 +337,9 @@ int main(int argc, char **argv)
         cmocka_unit_test_setup_teardown(test_one_seed_has_no_spread, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_renderers_and_counts, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_job_replaces_the_page, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_front_page, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_front_page_is_left, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_pictures_that_are_there, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_bad_results, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_seeds_that_do_not_belong_together, make_folder,
                                         remove_folder),

@@ -1,0 +1,45 @@
+/* reproduction_cells.h: results of one training and test setting together: cells of a table, and
+ * which sizes and data there are.
+ */
+#ifndef LF_EVAL_REPRODUCTION_CELLS_H
+#define LF_EVAL_REPRODUCTION_CELLS_H
+
+#include "eval/reproduction.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Results of one training and test setting; NULL matches all. */
+typedef struct lf_cell {
+    const char *experiment, *system, *size, *data, *category, *train, *test;
+} lf_cell;
+
+bool lf_in_cell(const lf_result *result, const lf_cell *cell);
+
+/* Mean and sample standard deviation of a figure over the results of a cell. */
+typedef struct lf_moments {
+    int n, lacking; /* results with and without the figure */
+    double mean, deviation;
+} lf_moments;
+lf_moments lf_moments_of(const lf_results *results, const lf_cell *cell, int figure);
+
+/* Digits behind the point that a figure is printed with. */
+int lf_figure_digits(int figure);
+/* The text of a key of a JSON object. */
+const char *lf_text_of(const json_t *object, const char *key);
+
+/* One size on one data. */
+typedef struct lf_group {
+    const char *size, *data;
+} lf_group;
+
+/* 0 quick ... 3 paper; 4: another size. */
+int lf_size_rank(const char *size);
+/* The groups of the cell's results, small sizes first; malloc'd. */
+lf_group *lf_groups_of(const lf_results *results, const lf_cell *cell, long *count);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
