@@ -2,6 +2,8 @@
  *
  * The bodies are inlined with constant sizes, so that the accumulators live in registers; a table
  * picks the function. With 12 x 2 vectors, a step of the sum is 24 multiply-adds on 14 loads.
+ * Where rows share their last vector, the function is another one; the sums are the same, bit for
+ * bit.
  */
 #include "autograd/kernels/tile.h"
 #include "autograd/kernels/vector_math.h"
