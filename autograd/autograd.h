@@ -34,6 +34,8 @@ typedef struct lf_tensor {
     bool wants;     /* a gradient flows into this tensor */
     struct lf_tensor *of; /* a view's tensor, whose numbers from `offset` on it shows; or NULL */
     long offset;
+    bool passing, dropped; /* the values may be dropped, and were: see lf_drop */
+    long node;             /* that makes them again, counted from 1 */
 } lf_tensor;
 
 /* Length of the last axis (1 for rank 0), and size / that. */
@@ -93,8 +95,9 @@ typedef void lf_backward_fn(const lf_node *node);
 struct lf_node {
     const char *op;
     lf_backward_fn *backward;
-    lf_tape *tape; /* for scratch memory during backward */
-    void *saved;   /* the op's own data, in the arena */
+    lf_backward_fn *again; /* the forward once more, into out[0]->value; or NULL */
+    lf_tape *tape;         /* for scratch memory during backward */
+    void *saved;           /* the op's own data, in the arena */
     int n_in, n_out;
     lf_tensor *in[LF_MAX_IN], *out[LF_MAX_OUT];
 };
@@ -127,6 +130,9 @@ typedef struct lf_mark {
 lf_mark lf_tape_mark(const lf_tape *tape);
 void lf_tape_release(lf_tape *tape, lf_mark mark);
 lf_real *lf_alloc_reals(lf_tape *tape, long n);
+/* The same for a backward, until it returns: from memory that tensors have left, if there is such.
+ */
+lf_real *lf_scratch_reals(lf_tape *tape, long n);
 
 /* A tensor of the tape, values not set, no grad (lf_record gives it one if it needs it). */
 lf_tensor *lf_tensor_new(lf_tape *tape, int rank, const long *dim);
@@ -155,6 +161,14 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
     }
 #define LF_OUT(...) LF_IN(__VA_ARGS__)
 
+/* Directly after lf_record: `again` computes the values of t, the node's only output, once more
+ * from its inputs, to the same bits and without side effects. */
+void lf_made_again_by(lf_tape *tape, lf_tensor *t, lf_backward_fn *again);
+/* The values of t, and of its views, are needed no more in the forward: their memory serves the
+ * next tensor, and the backward makes them again when it needs them. Not between a mark and its
+ * release. Does nothing to a tensor that no op makes again. */
+void lf_drop(lf_tape *tape, lf_tensor *t);
+
 /* ---- what a profile is told ------------------------------------------------------------------
  * All of this does nothing unless a profile watches the tape.                 [autograd/profile.h]
  */
@@ -180,6 +194,11 @@ double lf_present(long n, const lf_real *mask);
  * reuses their memory as soon as their node has run, so a gradient is gone after the walk; those of
  * leaves and parameters, which are the caller's, stay. */
 lf_real *lf_grad(lf_tape *tape, lf_tensor *t);
+/* The same in the place of the values, not zeroed: for a caller that has no further use for these
+ * and writes every number of the gradient. Neither may the op that made the tensor need its values
+ * in the backward, nor may t be a view, a leaf or have a gradient already. NULL if it wants none.
+ */
+lf_real *lf_grad_in_place(lf_tape *tape, lf_tensor *t);
 
 /* Add d(loss)/d(tensor) to the grad of every tensor the loss depends on; loss has one element and
  * `seed` is its own gradient (1, or a weight). */

@@ -8,10 +8,11 @@
  *              statistics are constants (RUNNING).
  *
  * Shapes     x, r, y: [N, H, W, C]; a field is `group` adjacent channels, F = C / group.
- * Keeps      x, y, and mean and 1 / sqrt(var + epsilon) a channel (and an image, for INSTANCE).
+ * Keeps      x, r, and mean and 1 / sqrt(var + epsilon) a channel (and an image, for INSTANCE).
  * Order      every image sums by itself: runs of rows in lf_real, runs joined in double; images
  *            join in double in their order. So threads change nothing, and a constant channel has
  *            variance 0 up to rounding of its mean.
+ * Again      y can be dropped: one pass makes it from x, r and the statistics.
  * Cost       three passes over x forward (two of them on an image that is still in the cache), two
  *            backward.
  */
@@ -150,6 +151,7 @@ static void find_statistics(lf_tape *tape, kept *k, const lf_real *x)
             spread(k, 0, f, (double)k->o.running_mean[f], (double)k->o.running_var[f]);
         return;
     }
+    const lf_mark mark = lf_tape_mark(tape);
     const size_t bytes = (size_t)(k->images * k->channels) * sizeof(double);
     double *sum = lf_alloc(tape, bytes), *mean = lf_alloc(tape, bytes);
     double *variance = lf_alloc(tape, bytes);
@@ -163,6 +165,7 @@ static void find_statistics(lf_tape *tape, kept *k, const lf_real *x)
         for (long n = 0; n < k->images; n++)
             for (long f = 0; f < k->fields; f++)
                 spread(k, part(k, n), f, mean[n * k->fields + f], variance[n * k->fields + f]);
+    lf_tape_release(tape, mark);
 }
 
 /* y = act((x - mean) scale + shift + r) on `rows` rows; mean, scale, shift a channel, r or NULL. */
@@ -195,6 +198,19 @@ static void forward_image(const kept *k, long n, const lf_real *x, const lf_real
     }
     apply(k->pixels, k->channels, k->o.relu, x + at, k->mean + part(k, n), scale, shift,
           r ? r + at : NULL, y + at);
+}
+
+static void forward_images(const kept *k, const lf_tensor *x, const lf_tensor *gamma,
+                           const lf_tensor *beta, const lf_tensor *r, lf_tensor *y)
+{
+#pragma omp parallel for schedule(static)
+    for (long n = 0; n < k->images; n++)
+        forward_image(k, n, x->value, gamma->value, beta->value, r ? r->value : NULL, y->value);
+}
+
+static void again(const lf_node *node)
+{
+    forward_images(node->saved, node->in[0], node->in[1], node->in[2], node->in[3], node->out[0]);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
@@ -365,10 +381,8 @@ lf_tensor *lf_field_norm(lf_tape *tape, lf_tensor *x, lf_tensor *gamma, lf_tenso
                 .fields = x->dim[3] / options->group};
     find_statistics(tape, k, x->value);
     lf_tensor *y = lf_tensor_like(tape, x);
-#pragma omp parallel for schedule(static)
-    for (long n = 0; n < k->images; n++)
-        forward_image(k, n, x->value, gamma->value, beta->value, residual ? residual->value : NULL,
-                      y->value);
+    forward_images(k, x, gamma, beta, residual, y);
     lf_record(tape, "field_norm", backward, k, LF_IN(x, gamma, beta, residual), LF_OUT(y));
+    lf_made_again_by(tape, y, again);
     return y;
 }

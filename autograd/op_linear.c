@@ -7,6 +7,8 @@
  */
 #include "autograd/ops.h"
 
+enum { LONG = 8192 }; /* rows, more than tiles have: threads pay, and shorter sums round less */
+
 /* The gradient behind the activation: dy itself, or a copy in the arena. */
 static const lf_real *behind_activation(const lf_node *node)
 {
@@ -26,8 +28,12 @@ static void backward(const lf_node *node)
     const lf_real *dz = behind_activation(node);
     if (x->grad)
         lf_kernel_linear_dx(rows, in, out, dz, w->value, x->grad);
-    if (w->grad)
-        lf_kernel_linear_dw(rows, in, out, x->value, dz, w->grad, b ? b->grad : NULL);
+    lf_real *db = b ? b->grad : NULL;
+    if (w->grad && rows >= LONG)
+        lf_kernel_linear_dw_lanes(rows, in, out, x->value, dz, w->grad, db,
+                                  lf_alloc_reals(node->tape, lf_linear_dw_scratch(rows, in, out)));
+    else if (w->grad)
+        lf_kernel_linear_dw(rows, in, out, x->value, dz, w->grad, db);
 }
 
 lf_tensor *lf_linear(lf_tape *tape, lf_tensor *x, lf_tensor *w, lf_tensor *b, lf_activation act)

@@ -1,7 +1,8 @@
 /* op_squared_error.c: L = sum_r w_r sum_c (x_rc - t_rc)^2,  dx_rc += 2 dL w_r (x_rc - t_rc)
  *
- * Shapes     x [.., C] (rows r), t like x, w one number a row or NULL (1); L [], summed in double.
- * Keeps      t and w (the caller's, until backward).
+ * Shapes     x [.., C] (rows r), t like x, w one number a row or NULL (1); L [], summed in double,
+ * with what each addition rounds off kept (Neumaier). Keeps      t and w (the caller's, until
+ * backward).
  */
 #include "autograd/ops.h"
 
@@ -31,12 +32,14 @@ lf_tensor *lf_squared_error(lf_tape *tape, lf_tensor *x, const float *value, con
     target *t = lf_alloc(tape, sizeof *t);
     *t = (target){value, weight};
     lf_tensor *loss = lf_tensor_new(tape, 0, NULL);
-    double sum = 0;
+    double sum = 0, lost = 0;
     for (long i = 0; i < x->size; i++) {
         const double d = (double)x->value[i] - (double)value[i], w = weight_of(t, i / lf_cols(x));
-        sum += w != 0 ? w * d * d : 0;
+        const double term = w != 0 ? w * d * d : 0, next = sum + term;
+        lost += fabs(sum) >= fabs(term) ? sum - next + term : term - next + sum;
+        sum = next;
     }
-    loss->value[0] = (lf_real)sum;
+    loss->value[0] = (lf_real)(isfinite(sum) ? sum + lost : sum);
     lf_record(tape, "squared_error", backward, t, LF_IN(x), LF_OUT(loss));
     return loss;
 }

@@ -32,11 +32,11 @@ void lf_store_free(lf_store *store)
     free(store);
 }
 
+/* Room to grow is not touched: the system gives no memory for it. */
 static lf_real *regrow(lf_real *old, long used, long capacity)
 {
     lf_real *grown = aligned_alloc(64, ((size_t)capacity * sizeof(lf_real) + 63) / 64 * 64);
     LF_REQUIRE(grown, "out of memory for %ld parameters", capacity);
-    memset(grown, 0, (size_t)capacity * sizeof(lf_real));
     if (used)
         memcpy(grown, old, (size_t)used * sizeof(lf_real));
     free(old);
@@ -79,6 +79,8 @@ const lf_parameter *lf_store_add(lf_store *store, const char *name, int rank, co
     }
     const long padded = (p->size + PAD - 1) / PAD * PAD;
     reserve(store, store->size + padded);
+    memset(store->value + p->offset, 0, (size_t)padded * sizeof *store->value);
+    memset(store->grad + p->offset, 0, (size_t)padded * sizeof *store->grad);
     store->size += padded;
     if (store->count == store->room) {
         store->room = store->room ? 2 * store->room : 64;

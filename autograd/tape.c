@@ -6,14 +6,14 @@
  */
 #include <stdalign.h>
 #include "autograd/profile_part.h"
+#include "autograd/spare.h"
 #include <sys/mman.h>
 
 enum {
-    ALIGNMENT = 64,
+    ALIGNMENT = LF_SPARE_ALIGNMENT,
     FIRST_BLOCK = 1 << 20,
     LARGEST_GROWTH = 256 << 20,
-    FIRST_NODES = 256,
-    SPARE = 64
+    FIRST_NODES = 256
 };
 
 typedef struct block {
@@ -21,12 +21,6 @@ typedef struct block {
     size_t size;
     alignas(ALIGNMENT) char data[];
 } block;
-
-/* A gradient's memory that may be used again. */
-typedef struct spare {
-    lf_real *memory;
-    long size;
-} spare;
 
 struct lf_tape {
     block *blocks; /* the newest first */
@@ -36,8 +30,9 @@ struct lf_tape {
     lf_node *nodes;
     long node_count, node_room;
     bool grad, check;
-    spare spare[SPARE];
-    int spares;
+    lf_spares spares; /* of gradients that were used up, and of dropped values */
+    lf_spares lent;   /* of these, to the backward that runs */
+    bool walking;
     lf_real *lane;
     long lane_first;
     char nonfinite[64];
@@ -96,7 +91,7 @@ void lf_tape_reset(lf_tape *tape)
     }
     tape->used = tape->older = 0;
     tape->node_count = 0;
-    tape->spares = 0;
+    tape->spares.count = 0;
     tape->nonfinite[0] = 0;
     if (tape->part)
         lf_part_reset(tape->part);
@@ -197,10 +192,17 @@ static lf_tensor *shape_only(lf_tape *tape, int rank, const long *dim)
     return t;
 }
 
+/* Spare memory, or else new. */
+static lf_real *room(lf_tape *tape, long size)
+{
+    lf_real *spare = lf_spares_take(&tape->spares, size);
+    return spare ? spare : lf_alloc_reals(tape, size);
+}
+
 lf_tensor *lf_tensor_new(lf_tape *tape, int rank, const long *dim)
 {
     lf_tensor *t = shape_only(tape, rank, dim);
-    t->value = lf_alloc_reals(tape, t->size);
+    t->value = room(tape, t->size);
     return t;
 }
 
@@ -243,21 +245,27 @@ lf_tensor *lf_view(lf_tape *tape, lf_tensor *x, long offset, int rank, const lon
 
 /* ---- gradients ---- */
 
-/* The smallest spare memory that is large enough and not wastefully large, or new memory. */
+lf_real *lf_scratch_reals(lf_tape *tape, long n)
+{
+    lf_real *spare = NULL;
+    if (tape->walking && tape->lent.count < LF_SPARES)
+        spare = lf_spares_take(&tape->spares, n);
+    if (!spare)
+        return lf_alloc_reals(tape, n);
+    lf_spares_give(&tape->lent, spare, n);
+    return spare;
+}
+
+static void take_back(lf_tape *tape)
+{
+    for (int i = 0; i < tape->lent.count; i++)
+        lf_spares_give(&tape->spares, tape->lent.piece[i].memory, tape->lent.piece[i].size);
+    tape->lent.count = 0;
+}
+
 static lf_real *zeroed(lf_tape *tape, long size)
 {
-    int best = -1;
-    for (int i = 0; i < tape->spares; i++)
-        if (tape->spare[i].size >= size && tape->spare[i].size <= 4 * size &&
-            (best < 0 || tape->spare[i].size < tape->spare[best].size))
-            best = i;
-    lf_real *memory;
-    if (best >= 0) {
-        memory = tape->spare[best].memory;
-        tape->spare[best] = tape->spare[--tape->spares];
-    } else {
-        memory = lf_alloc_reals(tape, size);
-    }
+    lf_real *memory = room(tape, size);
     memset(memory, 0, (size_t)size * sizeof *memory);
     return memory;
 }
@@ -271,12 +279,56 @@ lf_real *lf_grad(lf_tape *tape, lf_tensor *t)
     return t->grad = zeroed(tape, t->size);
 }
 
-/* The node that made t has run: nobody asks for t's gradient any more. */
+lf_real *lf_grad_in_place(lf_tape *tape, lf_tensor *t)
+{
+    (void)tape;
+    LF_REQUIRE(!t->of && !t->grad, "a gradient in the place of %s", t->of ? "a view" : "values");
+    return t->grad = t->wants ? t->value : NULL;
+}
+
+/* ---- values that are made again ---- */
+
+void lf_made_again_by(lf_tape *tape, lf_tensor *t, lf_backward_fn *again)
+{
+    t->node = t->wants ? tape->node_count : 0;
+    t->passing = t->wants || !tape->grad;
+    if (t->wants)
+        tape->nodes[tape->node_count - 1].again = again;
+}
+
+void lf_drop(lf_tape *tape, lf_tensor *t)
+{
+    if (!t->passing || !t->value)
+        return;
+    t->dropped = true;
+    lf_spares_give(&tape->spares, t->value, t->size);
+    t->value = NULL;
+}
+
+static void restore(lf_tape *tape, lf_tensor *t)
+{
+    if (t->of) {
+        restore(tape, t->of);
+        t->value = t->of->value + t->offset;
+    } else if (!t->value) {
+        const lf_node *node = &tape->nodes[t->node - 1];
+        for (int i = 0; i < node->n_in; i++)
+            if (node->in[i])
+                restore(tape, node->in[i]);
+        t->value = room(tape, t->size);
+        node->again(node);
+    }
+}
+
+/* The node that made t has run: nobody asks for t's gradient any more, nor for values that were
+ * dropped once. */
 static void give_back(lf_tape *tape, lf_tensor *t)
 {
-    if (tape->spares < SPARE)
-        tape->spare[tape->spares++] = (spare){t->grad, t->size};
+    if (t->grad)
+        lf_spares_give(&tape->spares, t->grad, t->size);
     t->grad = NULL;
+    if (t->dropped)
+        lf_drop(tape, t);
 }
 
 lf_tensor *lf_param(lf_tape *tape, const lf_parameter *p)
@@ -316,7 +368,7 @@ void lf_record(lf_tape *tape, const char *op, lf_backward_fn *backward, void *sa
 {
     LF_REQUIRE(n_in <= LF_MAX_IN && n_out <= LF_MAX_OUT, "%s: %d inputs, %d outputs", op, n_in,
                n_out);
-    lf_node node = {op, backward, tape, saved, n_in, n_out, {NULL}, {NULL}};
+    lf_node node = {op, backward, NULL, tape, saved, n_in, n_out, {NULL}, {NULL}};
     bool wanted = false;
     for (int i = 0; i < n_in; i++) {
         node.in[i] = in[i];
@@ -350,14 +402,21 @@ static bool walk(lf_tape *tape, const lf_node *node)
         reached = reached || node->out[i]->grad;
     if (!reached)
         return false;
-    for (int i = 0; i < node->n_out; i++)
+    for (int i = 0; i < node->n_out; i++) {
+        restore(tape, node->out[i]);
         lf_grad(tape, node->out[i]);
+    }
     for (int i = 0; i < node->n_in; i++)
-        if (node->in[i])
+        if (node->in[i]) {
+            restore(tape, node->in[i]);
             lf_grad(tape, node->in[i]);
+        }
     const lf_mark mark = lf_tape_mark(tape); /* what a backward allocates is scratch */
+    tape->walking = true;
     node->backward(node);
+    tape->walking = false;
     lf_tape_release(tape, mark);
+    take_back(tape);
     if (tape->check)
         check_gradients(tape, node);
     for (int i = 0; i < node->n_out; i++)

@@ -1,6 +1,8 @@
 /* main.c: elf-bench [CASE...] [--json FILE] [--picture FILE] [--scaling] [--memory] ...
  *         elf-bench --ratio CASE OTHER
+ *         elf-bench --errors [CASE...]
  *         elf-bench stability [CASE...]: stability_report.h
+ *         elf-bench growth [QUANTITY...]: growth.h
  *         elf-bench --reference CASE, --once CASE: to a pipe, for another elf-bench
  *
  * Times each case alternately with the machine's limits and reports the best of both: what a
@@ -12,6 +14,8 @@
 #include <unistd.h>
 
 #include "autograd/kernels/vector.h"
+#include "bench/command_line.h"
+#include "bench/growth.h"
 #include "bench/picture.h"
 #include "bench/report.h"
 #include "bench/stability_report.h"
@@ -27,7 +31,7 @@ static const lf_bench_table *const tables[] = {
 enum { TABLES = sizeof tables / sizeof *tables, MOST_CASES = 256 };
 
 typedef struct options {
-    bool list, exact, no_errors, scaling, memory, ratio;
+    bool list, exact, errors, no_errors, scaling, memory, ratio;
     const char *json, *picture, *reference, *once;
     int threads, repeats;
     char **names;
@@ -70,6 +74,12 @@ static lf_status run_case(const lf_bench_case *c, bool large, const options *o, 
                           lf_error *err)
 {
     lf_bench_result *r = &f->result[f->count];
+    if (o->errors) {
+        lf_bench_errors(c, o->threads, r);
+        lf_bench_error_rows(stdout, r);
+        f->count++;
+        return LF_OK;
+    }
     if (large)
         LF_TRY(lf_bench_measure_large(c, o->threads, &f->seen, r, err));
     else
@@ -169,7 +179,9 @@ static lf_status write_files(const options *o, const findings *f, lf_error *err)
 static lf_status measure(const options *o, lf_error *err)
 {
     findings *f = lf_bench_room(1, sizeof *f);
-    if (!o->list) {
+    if (o->errors)
+        lf_bench_error_head(stdout);
+    else if (!o->list) {
         printf("%d threads, vectors of %d bytes, %s, GCC %s\n", o->threads, LF_VEC_BYTES,
                LF_REAL_NAME, __VERSION__);
         lf_bench_head(stdout);
@@ -194,12 +206,14 @@ static void usage(void)
     printf("usage: elf-bench [CASE...] [options]      CASE: the beginning of a case's name\n"
            "       elf-bench --ratio CASE OTHER       how many times longer CASE takes, in turn\n"
            "       elf-bench stability --help         errors of hard cases\n"
+           "       elf-bench growth --help            how cost grows with size\n"
            "  --list          name all cases; those of the paper's size run only when named\n"
            "  --exact         CASE is a whole name\n"
            "  --threads N     (default: all)\n"
            "  --repeats N     samples of a case, of which the best counts (default: 100)\n"
            "  --scaling       also with one thread, in turn: rate of all over rate of one\n"
            "  --memory        also the largest resident set of a process of its own\n"
+           "  --errors        do nothing but compare with double: a table in Markdown\n"
            "  --no-errors     do not compare with double\n"
            "  --json FILE     all of it\n"
            "  --picture FILE  PNG: the roofline, and time against error\n"
@@ -211,16 +225,6 @@ static void usage(void)
            "Exit codes: 0 done, 1 failed, 2 bad input\n");
 }
 
-static lf_status positive(const char *option, const char *text, int *value, lf_error *err)
-{
-    char *end;
-    const long n = strtol(text, &end, 10);
-    if (*end || end == text || n < 1 || n > 1024)
-        return lf_fail(err, LF_BAD_INPUT, "%s %s: a number from 1 to 1024 is needed", option, text);
-    *value = (int)n;
-    return LF_OK;
-}
-
 static lf_status set_option(int letter, options *o, lf_error *err)
 {
     switch (letter) {
@@ -229,6 +233,9 @@ static lf_status set_option(int letter, options *o, lf_error *err)
         break;
     case 'e':
         o->exact = true;
+        break;
+    case 'E':
+        o->errors = true;
         break;
     case 'n':
         o->no_errors = true;
@@ -255,9 +262,9 @@ static lf_status set_option(int letter, options *o, lf_error *err)
         o->once = optarg;
         break;
     case 't':
-        return positive("--threads", optarg, &o->threads, err);
+        return lf_bench_positive("--threads", optarg, &o->threads, err);
     case 'r':
-        return positive("--repeats", optarg, &o->repeats, err);
+        return lf_bench_positive("--repeats", optarg, &o->repeats, err);
     case 'h':
         usage();
         exit(0);
@@ -267,31 +274,17 @@ static lf_status set_option(int letter, options *o, lf_error *err)
     return LF_OK;
 }
 
-/* A file that cannot be written is refused before an hour of measuring. */
-static lf_status check_folder(const char *path, lf_error *err)
-{
-    char folder[4096];
-    if (!path)
-        return LF_OK;
-    const char *slash = strrchr(path, '/');
-    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path + 1) : 1,
-             slash ? path : ".");
-    return access(folder, W_OK) == 0
-               ? LF_OK
-               : lf_fail(err, LF_BAD_INPUT, "%s: its folder does not exist or refuses files", path);
-}
-
 static lf_status check(options *o, lf_error *err)
 {
-    if (o->picture && sizeof(lf_real) == sizeof(double))
-        return lf_fail(err, LF_BAD_INPUT, "--picture: elf-bench draws it, the program in float");
-    const size_t length = o->picture ? strlen(o->picture) : 0;
-    if (o->picture && (length < 4 || strcmp(o->picture + length - 4, ".png") != 0))
-        return lf_fail(err, LF_BAD_INPUT, "--picture %s: a name that ends in .png", o->picture);
     if (o->ratio && (o->json || o->picture || o->scaling || o->memory || o->list))
         return lf_fail(err, LF_BAD_INPUT, "--ratio goes with --threads and --repeats alone");
-    LF_TRY(check_folder(o->json, err));
-    LF_TRY(check_folder(o->picture, err));
+    if (o->json)
+        LF_TRY(lf_bench_check_file(o->json, err));
+    if (o->picture)
+        LF_TRY(lf_bench_check_picture(o->picture, err));
+    if (o->errors && (sizeof(lf_real) == sizeof(double) || o->json || o->picture || o->scaling ||
+                      o->memory || o->list || o->no_errors || o->ratio))
+        return lf_fail(err, LF_BAD_INPUT, "--errors: of elf-bench, with cases and --threads alone");
     o->no_errors |= sizeof(lf_real) == sizeof(double); /* it is what errors are measured against */
     return LF_OK;
 }
@@ -306,6 +299,7 @@ static lf_status parse(int argc, char **argv, options *o, lf_error *err)
                                           {"picture", required_argument, NULL, 'p'},
                                           {"reference", required_argument, NULL, 'f'},
                                           {"once", required_argument, NULL, 'o'},
+                                          {"errors", no_argument, NULL, 'E'},
                                           {"no-errors", no_argument, NULL, 'n'},
                                           {"scaling", no_argument, NULL, 's'},
                                           {"memory", no_argument, NULL, 'm'},
@@ -324,6 +318,8 @@ static lf_status run(int argc, char **argv, lf_error *err)
     options o = {.repeats = 100, .threads = omp_get_max_threads()};
     if (argc > 1 && strcmp(argv[1], "stability") == 0)
         return lf_stability_main(argc - 1, argv + 1, err);
+    if (argc > 1 && strcmp(argv[1], "growth") == 0)
+        return lf_growth_main(argc - 1, argv + 1, err);
     LF_TRY(parse(argc, argv, &o, err));
     omp_set_num_threads(o.threads);
     if (o.reference || o.once)

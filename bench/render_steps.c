@@ -5,13 +5,12 @@
  * ray-traced. Operations are counted by formula, useful ones only: three times the forward ones.
  */
 #include "autograd/optim.h"
-#include "bench/bench.h"
+#include "bench/steps.h"
 #include "datasets/camera.h"
 #include "models/render_work.h"
 
 typedef struct step_work {
     lf_bench_work work;
-    lf_config *cfg;
     lf_store *store;
     lf_renderer model;
     lf_render_work *run;
@@ -22,6 +21,7 @@ typedef struct step_work {
     double *origin, *direction, *stretch;
     float *colour;
     double loss;
+    lf_ray_image image; /* of an evaluation */
 } step_work;
 
 static lf_render_batch batch_of(const step_work *s)
@@ -50,6 +50,17 @@ static void run_step(lf_bench_work *work)
     work->bytes = 2 * work->memory;
 }
 
+static void run_picture(lf_bench_work *work)
+{
+    step_work *s = (step_work *)work;
+    const lf_render_batch batch = batch_of(s);
+    const lf_render_savings none = lf_render_savings_none();
+    lf_render_rays(s->run, &batch.rays, false, &none, &s->image);
+    work->memory = (double)lf_render_work_bytes(s->run) +
+                   (double)sizeof(lf_real) * (double)lf_store_size(s->store);
+    work->bytes = 2 * work->memory;
+}
+
 static void step_outputs(lf_bench_work *work, lf_outputs *to)
 {
     step_work *s = (step_work *)work;
@@ -75,13 +86,15 @@ static void close_step(lf_bench_work *work)
     lf_adam_free(&s->adam);
     lf_renderer_free(&s->model);
     lf_store_free(s->store);
-    lf_config_free(s->cfg);
     free(s->source);
     free(s->rgb);
     free(s->origin);
     free(s->direction);
     free(s->stretch);
     free(s->colour);
+    free(s->image.colour);
+    free(s->image.depth);
+    free(s->image.opacity);
     free(s);
 }
 
@@ -160,23 +173,29 @@ static void make_rays(step_work *s)
 
 /* ---- the model ------------------------------------------------------------------------------- */
 
-/* sizes: rays, width, height; the config is the schema's defaults with the changes of `sets`. */
-static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets, int count)
+/* Colours of rays alone, their pictures' features made. */
+static void only_render(step_work *s)
+{
+    s->image = (lf_ray_image){lf_bench_room(s->rays * LF_RGB, sizeof(lf_real)),
+                              lf_bench_room(s->rays, sizeof(lf_real)),
+                              lf_bench_room(s->rays, sizeof(lf_real)), 0};
+    lf_render_encode(s->run, s->model.config.sources, s->source);
+    s->work.flop = 2 * (double)s->rays * lf_renderer_ray_macs(&s->model);
+    s->work.run = run_picture;
+    s->work.outputs = NULL;
+}
+
+lf_bench_work *lf_bench_render_open(const lf_config *cfg, const lf_bench_render *sizes)
 {
     step_work *s = lf_bench_room(1, sizeof *s);
-    lf_error err;
-    lf_status status = lf_config_load(NULL, &s->cfg, &err);
-    for (int i = 0; i < count && status == LF_OK; i++)
-        status = lf_config_set(s->cfg, sets[i], &err);
-    LF_REQUIRE(status == LF_OK, "%s", err.text);
-    s->rays = c->size[0];
-    s->width = c->size[1];
-    s->height = c->size[2];
-    const lf_renderer_config config = lf_renderer_config_from(s->cfg);
+    s->rays = sizes->rays;
+    s->width = sizes->width;
+    s->height = sizes->height;
+    const lf_renderer_config config = lf_renderer_config_from(cfg);
     s->store = lf_store_create(1);
     lf_renderer_init(&s->model, s->store, &config);
     lf_reference_round(lf_store_size(s->store), lf_store_values(s->store));
-    s->run = lf_render_work_create(&s->model, lf_config_int(s->cfg, "train.tile_rays"));
+    s->run = lf_render_work_create(&s->model, lf_config_int(cfg, "train.tile_rays"));
     const lf_adam_config adam = {.beta1 = 0.9, .beta2 = 0.999, .eps = 1e-8};
     lf_adam_init(&s->adam, &adam, s->store);
     make_sources(s);
@@ -186,7 +205,19 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
         (double)config.sources * lf_renderer_picture_macs(&s->model, s->height, s->width);
     s->work = (lf_bench_work){
         .flop = 6 * macs, .run = run_step, .outputs = step_outputs, .close = close_step};
+    if (sizes->picture)
+        only_render(s);
     return &s->work;
+}
+
+/* sizes: rays, width, height. */
+static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets, int count)
+{
+    lf_config *cfg = lf_bench_config(sets, count);
+    lf_bench_work *work =
+        lf_bench_render_open(cfg, &(lf_bench_render){c->size[0], c->size[1], c->size[2], false});
+    lf_config_free(cfg);
+    return work;
 }
 
 static lf_bench_work *open_tiny(const lf_bench_case *c)

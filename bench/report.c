@@ -53,6 +53,24 @@ void lf_bench_line(FILE *to, const lf_bench_result *r)
     fflush(to);
 }
 
+void lf_bench_error_head(FILE *to)
+{
+    fprintf(to,
+            "| case | what | array: largest difference over largest value, l2 |\n|---|---|---|\n");
+}
+
+void lf_bench_error_rows(FILE *to, const lf_bench_result *r)
+{
+    if (r->outputs == 0 && !r->problem[0])
+        return; /* it has no outputs */
+    fprintf(to, "| %s | %s | %s", r->of->name, r->of->what, r->problem);
+    for (int i = 0; i < r->outputs; i++)
+        fprintf(to, "%s%s %.1e, %.1e", i ? "; " : "", r->error[i].name, r->error[i].largest,
+                r->error[i].l2);
+    fprintf(to, " |\n");
+    fflush(to);
+}
+
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
 static void set(json_t *object, const char *key, bool known, double value)

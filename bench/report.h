@@ -10,6 +10,10 @@
 void lf_bench_head(FILE *to);
 void lf_bench_line(FILE *to, const lf_bench_result *result);
 
+/* A table in Markdown of every array's error against double: its head, and the rows of a case. */
+void lf_bench_error_head(FILE *to);
+void lf_bench_error_rows(FILE *to, const lf_bench_result *result);
+
 /* {"precision", "threads", "vector_bytes", "compiler", "limits": {"gflops", "gbytes_per_s": {BYTES:
  * ...}}, "results": [...]}; of the result of a case what is known of it. The caller's. */
 json_t *lf_bench_json(const lf_bench_result *results, int count, const lf_seen_limits *seen,

@@ -6,8 +6,8 @@
 enum { DRAWS = 4, DIFFERENCES = 12 };
 
 static const lf_stability_table *const tables[] = {
-    &lf_stability_rays,       &lf_stability_points, &lf_stability_far,   &lf_stability_attention,
-    &lf_stability_degenerate, &lf_stability_sums,   &lf_stability_images};
+    &lf_stability_rays,       &lf_stability_points, &lf_stability_far,    &lf_stability_attention,
+    &lf_stability_degenerate, &lf_stability_sums,   &lf_stability_images, &lf_stability_systems};
 enum { TABLES = sizeof tables / sizeof *tables };
 
 static const double smallest = 1e-30; /* below this a number is 0: float ends soon after */

@@ -55,6 +55,7 @@ extern const lf_stability_table lf_stability_attention;  /* stability_attention.
 extern const lf_stability_table lf_stability_degenerate; /* stability_degenerate.c */
 extern const lf_stability_table lf_stability_sums;       /* stability_sums.c */
 extern const lf_stability_table lf_stability_images;     /* stability_images.c */
+extern const lf_stability_table lf_stability_systems;    /* stability_systems.c */
 
 /* All tables in their order: case number i, NULL beyond the last. */
 const lf_stability_case *lf_stability_at(int i);

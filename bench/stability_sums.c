@@ -35,11 +35,15 @@ static void squared_error(lf_stability *s)
     const long n = (long)s->parameter;
     lf_tensor *x = lf_stability_given(s, "x", 2, LF_DIMS(n, 1), positive(s, n), 1);
     float *target = lf_alloc(s->tape, (size_t)n * sizeof *target);
-    long double exact = 0;
+    long double exact = 0, part = 0; /* one long sum of squares would miss 10 places of a double */
     for (long i = 0; i < n; i++) {
         target[i] = (float)(0.25 * (double)(i % 5));
         const long double d = (long double)x->value[i] - target[i];
-        exact += d * d;
+        part += d * d;
+        if (i % 1000 == 999) {
+            exact += part;
+            part = 0;
+        }
     }
     lf_stability_output(s, "loss", lf_squared_error(s->tape, x, target, NULL), &exact);
 }
@@ -154,11 +158,11 @@ static void field_norm(lf_stability *s)
 
 static const lf_stability_case cases[] = {
     {"sum", "terms", sum, TERMS},
-    {"squared error", "terms", squared_error, TERMS, .limit = 4e3},
+    {"squared error", "terms", squared_error, TERMS},
     {"loss of distances", "terms", sdf_loss, TERMS},
-    {"linear map", "terms", linear, TERMS, .limit = 300},
-    {"norms' shift", "terms", norm_shift, TERMS, .limit = 150},
-    {"convolution", "pixels", convolution, TERMS, .limit = 600},
+    {"linear map", "terms", linear, TERMS},
+    {"norms' shift", "terms", norm_shift, TERMS},
+    {"convolution", "pixels", convolution, TERMS},
     {"field norm", "pixels", field_norm, TERMS},
 };
 

@@ -43,10 +43,30 @@ typedef struct lf_c8_basis {
 void lf_c8_basis_init(lf_c8_basis *basis, int size, lf_c8_cutoff cutoff);
 void lf_c8_basis_free(lf_c8_basis *basis);
 
-/* Weights to an ordinary filter [k, k, Ci, 8 Fo], channel = 8 * field + orientation. A lift has
- * w [Fo, Fi, count] and Ci = Fi; regular fields have w [Fo, Fi, 8, count] and Ci = 8 Fi. Linear;
- * its backward is the transpose. `basis` must outlive the tape's use of the result. */
-lf_tensor *lf_c8_expand(lf_tape *tape, const lf_c8_basis *basis, lf_tensor *w);
+/* The ordinary filter [k, k, Ci, 8 Fo] of weights, channel = 8 * field + orientation. A lift has
+ * w [Fo, Fi, count] and Ci = Fi; regular fields have w [Fo, Fi, 8, count] and Ci = 8 Fi. */
+typedef struct lf_c8_filter {
+    const lf_real *table; /* the basis's, which must outlive this */
+    long size, count;
+    long in, out; /* Fi, Fo */
+    long turns;   /* 8, a lift 1 */
+} lf_c8_filter;
+
+lf_c8_filter lf_c8_filter_of(const lf_c8_basis *basis, const lf_tensor *w);
+/* Numbers in the filter, and in the scratch that both functions below need with as many threads as
+ * there are now. */
+long lf_c8_filter_size(const lf_c8_filter *s);
+long lf_c8_filter_scratch(const lf_c8_filter *s);
+/* f = the filter of w. */
+void lf_c8_expand(const lf_c8_filter *s, const lf_real *w, lf_real *f, lf_real *scratch);
+/* dw += the transpose of that, applied to df. */
+void lf_c8_fold(const lf_c8_filter *s, const lf_real *df, lf_real *dw, lf_real *scratch);
+
+/* y = x correlated with the filter of w, zero padding k / 2: x [N, H, W, Ci], w as above;
+ * y [N, ceil(H / stride), ceil(W / stride), 8 Fo]. The filter, which is many times w, is not kept:
+ * the backward makes it again. `basis` must outlive the tape's use of y. */
+lf_tensor *lf_c8_conv2d(lf_tape *tape, const lf_c8_basis *basis, lf_tensor *x, lf_tensor *w,
+                        long stride);
 
 /* ---- layers ---------------------------------------------------------------------------------- */
 

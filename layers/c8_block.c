@@ -112,7 +112,15 @@ lf_tensor *lf_block_forward(lf_tape *tape, const lf_block *block, lf_tensor *x, 
 {
     lf_tensor *r =
         block->has_shortcut ? lf_unit_forward(tape, &block->shortcut, x, NULL, false, training) : x;
-    for (int i = 0; i + 1 < block->units; i++)
-        x = lf_unit_forward(tape, &block->unit[i], x, NULL, true, training);
-    return lf_unit_forward(tape, &block->unit[block->units - 1], x, r, true, training);
+    lf_tensor *y = x;
+    for (int i = 0; i < block->units; i++) {
+        const bool last = i + 1 == block->units;
+        lf_tensor *before = y;
+        y = lf_unit_forward(tape, &block->unit[i], before, last ? r : NULL, true, training);
+        if (i > 0)
+            lf_drop(tape, before);
+    }
+    if (block->has_shortcut)
+        lf_drop(tape, r);
+    return y;
 }

@@ -9,73 +9,110 @@
  * the eight adjacent numbers t[8 - r + a]; no number is gathered one by one, and the transpose adds
  * into the same places.
  *
- * Keeps      w and the basis table.
  * Cost       2 count flops a number of the filter, forward and backward.
  * Threads    input fields are independent.
  */
+#include <omp.h>
+
+#include "autograd/kernels/vector.h"
 #include "layers/c8.h"
 
 /* The eight orientations; loads and stores of any alignment. */
 typedef lf_real vec
     __attribute__((vector_size(LF_C8 * sizeof(lf_real)), aligned(sizeof(lf_real)), may_alias));
 
-enum { DOUBLED = 2 * LF_C8, PART = 8 /* members whose sums fit in registers */ };
+/* Those of two fields. */
+typedef lf_real wide
+    __attribute__((vector_size(2 * LF_C8 * sizeof(lf_real)), aligned(sizeof(lf_real)), may_alias));
 
-typedef struct shape {
-    long pixels, count, in, out,
-        turns; /* in, out: fields; turns: 8 orientations of the input or 1 */
-} shape;
+enum {
+    DOUBLED = 2 * LF_C8,
+    PART = 8, /* members whose sums fit in registers */
+    PAIRS = LF_VEC_BYTES == 64 && sizeof(lf_real) == 4 ? 2 : 1
+};
 
-static shape shape_of(const lf_c8_basis *basis, const lf_tensor *w)
+/* Numbers of t of one input field. */
+static long doubled(const lf_c8_filter *s)
 {
-    return (shape){(long)basis->size * basis->size, basis->count, w->dim[1], w->dim[0],
-                   w->rank == 4 ? LF_C8 : 1};
+    return s->out * s->count * DOUBLED;
 }
 
 /* t[out][count][16] of input field i; a lift has the same weight for every orientation. */
-static void unfold(const shape *s, const lf_real *w, long i, lf_real *t)
+static void unfold(const lf_c8_filter *s, const lf_real *w, long i, lf_real *t)
 {
     for (long o = 0; o < s->out; o++) {
         const lf_real *from = w + (o * s->in + i) * s->turns * s->count;
-        for (long b = 0; b < s->count; b++, t += DOUBLED)
-            for (long u = 0; u < DOUBLED; u++)
-                t[u] = from[(s->turns == 1 ? 0 : (DOUBLED - u) % LF_C8) * s->count + b];
+        const long step = s->turns == 1 ? 0 : s->count;
+        for (long b = 0; b < s->count; b++, t += DOUBLED) {
+            const lf_real *w0 = from + b, *w4 = w0 + 4 * step;
+            const vec turned = {w0[0], w4[3 * step], w4[2 * step], w4[step],
+                                w4[0], w0[3 * step], w0[2 * step], w0[step]};
+            *(vec *)t = *(vec *)(t + LF_C8) = turned;
+        }
     }
 }
 
 /* The transpose: dw of input field i += what was added into t. */
-static void fold(const shape *s, const lf_real *t, long i, lf_real *dw)
+static void fold(const lf_c8_filter *s, const lf_real *t, long i, lf_real *dw)
 {
     for (long o = 0; o < s->out; o++) {
         lf_real *to = dw + (o * s->in + i) * s->turns * s->count;
-        for (long b = 0; b < s->count; b++, t += DOUBLED)
-            for (long u = 0; u < DOUBLED; u++)
-                to[(s->turns == 1 ? 0 : (DOUBLED - u) % LF_C8) * s->count + b] += t[u];
+        const long step = s->turns == 1 ? 0 : s->count;
+        for (long b = 0; b < s->count; b++, t += DOUBLED) {
+            const vec sum = *(const vec *)t + *(const vec *)(t + LF_C8);
+            for (long u = 0; u < LF_C8; u++)
+                to[(LF_C8 - u) % LF_C8 * step + b] += sum[u];
+        }
     }
 }
 
-/* Filter numbers of input channel (i, r) for `width` output fields: t and f point at the first of
- * them, f at pixel 0. Called with constant counts and widths, so that the weights stay in registers
- * and each basis vector is read once for all `width`. */
+/* Two fields beside each other. */
+static inline wide both(vec a, vec c)
+{
+    return __builtin_shufflevector(a, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+/* Filter numbers of input channel (i, r) for `pairs` pairs of output fields: t and f point at the
+ * first of them, f at pixel 0. Called with constant counts and pairs, so that the weights stay in
+ * registers and each basis vector is read once for all of them. */
 __attribute__((always_inline)) static inline void
-expand_some(const shape *s, long count, long width, const lf_real *restrict table,
-            const lf_real *restrict t, lf_real *restrict f)
+expand_pairs(const lf_c8_filter *s, long count, long pairs, const lf_real *restrict table,
+             const lf_real *restrict t, lf_real *restrict f)
 {
     const long pixel = s->in * s->turns * s->out * LF_C8;
-    for (long p = 0; p < s->pixels; p++, table += count * LF_C8, f += pixel) {
-        vec sum[2] = {{0}, {0}};
+    wide w[PAIRS][PART];
+    for (long q = 0; q < pairs; q++)
         for (long b = 0; b < count; b++)
-            for (long o = 0; o < width; o++)
-                sum[o] += *(const vec *)(t + (o * count + b) * DOUBLED) *
-                          *(const vec *)(table + b * LF_C8);
-        for (long o = 0; o < width; o++)
-            *(vec *)(f + o * LF_C8) = sum[o];
+            w[q][b] = both(*(const vec *)(t + (2 * q * count + b) * DOUBLED),
+                           *(const vec *)(t + ((2 * q + 1) * count + b) * DOUBLED));
+    for (long p = 0; p < s->size * s->size; p++, table += count * LF_C8, f += pixel) {
+        wide sum[PAIRS] = {{0}};
+        for (long b = 0; b < count; b++) {
+            const vec member = *(const vec *)(table + b * LF_C8);
+            for (long q = 0; q < pairs; q++)
+                sum[q] += w[q][b] * both(member, member);
+        }
+        for (long q = 0; q < pairs; q++)
+            *(wide *)(f + q * DOUBLED) = sum[q];
+    }
+}
+
+/* The same for one field and any count. */
+static void expand_one(const lf_c8_filter *s, const lf_real *restrict table,
+                       const lf_real *restrict t, lf_real *restrict f)
+{
+    const long pixel = s->in * s->turns * s->out * LF_C8;
+    for (long p = 0; p < s->size * s->size; p++, table += s->count * LF_C8, f += pixel) {
+        vec sum = {0};
+        for (long b = 0; b < s->count; b++)
+            sum += *(const vec *)(t + b * DOUBLED) * *(const vec *)(table + b * LF_C8);
+        *(vec *)f = sum;
     }
 }
 
 /* The transpose: dt += what df holds of the same numbers. `count` members from b on. */
 __attribute__((always_inline)) static inline void
-reduce_some(const shape *s, long count, long width, const lf_real *restrict table,
+reduce_some(const lf_c8_filter *s, long count, long width, const lf_real *restrict table,
             const lf_real *restrict df, lf_real *restrict dt)
 {
     const long pixel = s->in * s->turns * s->out * LF_C8;
@@ -83,7 +120,7 @@ reduce_some(const shape *s, long count, long width, const lf_real *restrict tabl
     for (long o = 0; o < width; o++)
         for (long b = 0; b < count; b++)
             sum[o][b] = *(const vec *)(dt + (o * s->count + b) * DOUBLED);
-    for (long p = 0; p < s->pixels; p++, table += s->count * LF_C8, df += pixel)
+    for (long p = 0; p < s->size * s->size; p++, table += s->count * LF_C8, df += pixel)
         for (long b = 0; b < count; b++)
             for (long o = 0; o < width; o++)
                 sum[o][b] += *(const vec *)(df + o * LF_C8) * *(const vec *)(table + b * LF_C8);
@@ -92,23 +129,28 @@ reduce_some(const shape *s, long count, long width, const lf_real *restrict tabl
             *(vec *)(dt + (o * s->count + b) * DOUBLED) = sum[o][b];
 }
 
-static void expand_channel(const shape *s, const lf_real *table, const lf_real *t, lf_real *f)
+static void expand_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *t,
+                           lf_real *f)
 {
     const long step = s->count * DOUBLED;
-    for (long o = 0; o < s->out; o += 2, t += 2 * step, f += 2 * LF_C8) {
-        const long width = s->out - o < 2 ? 1 : 2;
-        if (s->count == 1 && width == 2)
-            expand_some(s, 1, 2, table, t, f);
-        else if (s->count == 6 && width == 2)
-            expand_some(s, 6, 2, table, t, f);
-        else if (s->count == 8 && width == 2)
-            expand_some(s, 8, 2, table, t, f);
-        else
-            expand_some(s, s->count, width, table, t, f);
+    for (long o = 0, n; o < s->out; o += n, t += n * step, f += n * LF_C8) {
+        const bool all = s->out - o >= 2 * PAIRS;
+        n = 2 * PAIRS;
+        if (s->count == 1 && all)
+            expand_pairs(s, 1, PAIRS, table, t, f);
+        else if (s->count == 6 && all)
+            expand_pairs(s, 6, PAIRS, table, t, f);
+        else if (s->count == 8 && all)
+            expand_pairs(s, 8, PAIRS, table, t, f);
+        else {
+            n = 1;
+            expand_one(s, table, t, f);
+        }
     }
 }
 
-static void reduce_channel(const shape *s, const lf_real *table, const lf_real *df, lf_real *dt)
+static void reduce_channel(const lf_c8_filter *s, const lf_real *table, const lf_real *df,
+                           lf_real *dt)
 {
     const long step = s->count * DOUBLED;
     for (long o = 0; o < s->out; o += 2, dt += 2 * step, df += 2 * LF_C8) {
@@ -128,41 +170,45 @@ static void reduce_channel(const shape *s, const lf_real *table, const lf_real *
     }
 }
 
-static void backward(const lf_node *node)
+lf_c8_filter lf_c8_filter_of(const lf_c8_basis *basis, const lf_tensor *w)
 {
-    const lf_c8_basis *basis = node->saved;
-    lf_tensor *w = node->in[0];
-    const shape s = shape_of(basis, w);
-    const long doubled = s.out * s.count * DOUBLED;
-    lf_real *t = lf_alloc_reals(node->tape, s.in * doubled);
+    LF_REQUIRE(w->rank == 3 || (w->rank == 4 && w->dim[2] == LF_C8),
+               "a steerable filter of weights of rank %d", w->rank);
+    LF_REQUIRE(lf_cols(w) == basis->count, "%ld weights for %d basis functions", lf_cols(w),
+               basis->count);
+    return (lf_c8_filter){basis->table, basis->size, basis->count,
+                          w->dim[1],    w->dim[0],   w->rank == 4 ? LF_C8 : 1};
+}
+
+long lf_c8_filter_size(const lf_c8_filter *s)
+{
+    return s->size * s->size * s->in * s->turns * s->out * LF_C8;
+}
+
+long lf_c8_filter_scratch(const lf_c8_filter *s)
+{
+    return omp_get_max_threads() * doubled(s);
+}
+
+void lf_c8_expand(const lf_c8_filter *s, const lf_real *w, lf_real *f, lf_real *scratch)
+{
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < s.in; i++) {
-        lf_real *own = t + i * doubled;
-        memset(own, 0, (size_t)doubled * sizeof *own);
-        for (long r = 0; r < s.turns; r++)
-            reduce_channel(&s, basis->table, node->out[0]->grad + (i * s.turns + r) * s.out * LF_C8,
-                           own + LF_C8 - r);
-        fold(&s, own, i, w->grad);
+    for (long i = 0; i < s->in; i++) {
+        lf_real *t = scratch + omp_get_thread_num() * doubled(s);
+        unfold(s, w, i, t);
+        for (long r = 0; r < s->turns; r++)
+            expand_channel(s, s->table, t + LF_C8 - r, f + (i * s->turns + r) * s->out * LF_C8);
     }
 }
 
-lf_tensor *lf_c8_expand(lf_tape *tape, const lf_c8_basis *basis, lf_tensor *w)
+void lf_c8_fold(const lf_c8_filter *s, const lf_real *df, lf_real *dw, lf_real *scratch)
 {
-    LF_REQUIRE(w->rank == 3 || (w->rank == 4 && w->dim[2] == LF_C8),
-               "lf_c8_expand: weights of rank %d", w->rank);
-    LF_REQUIRE(lf_cols(w) == basis->count, "lf_c8_expand: %ld weights for %d basis functions",
-               lf_cols(w), basis->count);
-    const shape s = shape_of(basis, w);
-    const long k = basis->size, doubled = s.out * s.count * DOUBLED;
-    lf_tensor *f = lf_tensor_new(tape, 4, LF_DIMS(k, k, s.in * s.turns, s.out * LF_C8));
-    lf_real *t = lf_alloc_reals(tape, s.in * doubled);
 #pragma omp parallel for schedule(static)
-    for (long i = 0; i < s.in; i++) {
-        unfold(&s, w->value, i, t + i * doubled);
-        for (long r = 0; r < s.turns; r++)
-            expand_channel(&s, basis->table, t + i * doubled + LF_C8 - r,
-                           f->value + (i * s.turns + r) * s.out * LF_C8);
+    for (long i = 0; i < s->in; i++) {
+        lf_real *t = scratch + omp_get_thread_num() * doubled(s);
+        memset(t, 0, (size_t)doubled(s) * sizeof *t);
+        for (long r = 0; r < s->turns; r++)
+            reduce_channel(s, s->table, df + (i * s->turns + r) * s->out * LF_C8, t + LF_C8 - r);
+        fold(s, t, i, dw);
     }
-    lf_record(tape, "c8_expand", backward, (void *)basis, LF_IN(w), LF_OUT(f));
-    return f;
 }

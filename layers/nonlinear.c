@@ -109,15 +109,25 @@ static void norm_relu_part(long c, long i, long count, const lf_real *x, const l
         lf_vec_store_part(db + i, count, lf_vec_load_part(db + i, count) + pull);
 }
 
+/* Rows of v [.., 3, C]; db [C] is summed by itself for BLOCK of them, to round less. */
 static void norm_relu_backward(const lf_node *node)
 {
+    enum { BLOCK = 256 };
     const lf_tensor *v = node->in[0], *beta = node->in[1];
-    const long c = lf_cols(v);
-    for (long r = 0; r < lf_rows(v) / 3; r++)
-        for (long i = 0; i < c; i += LF_LANES)
-            norm_relu_part(c, i, c - i < LF_LANES ? c - i : LF_LANES, v->value + 3 * r * c,
-                           node->out[0]->grad + 3 * r * c, beta->value,
-                           v->grad ? v->grad + 3 * r * c : NULL, beta->grad);
+    const long c = lf_cols(v), rows = lf_rows(v) / 3;
+    lf_real *db = beta->grad ? lf_alloc_reals(node->tape, c) : NULL;
+    for (long first = 0; first < rows; first += BLOCK) {
+        const long end = first + BLOCK < rows ? first + BLOCK : rows;
+        if (db)
+            memset(db, 0, (size_t)c * sizeof *db);
+        for (long r = first; r < end; r++)
+            for (long i = 0; i < c; i += LF_LANES)
+                norm_relu_part(c, i, c - i < LF_LANES ? c - i : LF_LANES, v->value + 3 * r * c,
+                               node->out[0]->grad + 3 * r * c, beta->value,
+                               v->grad ? v->grad + 3 * r * c : NULL, db);
+        for (long i = 0; db && i < c; i++)
+            beta->grad[i] += db[i];
+    }
 }
 
 lf_tensor *lf_norm_relu(lf_tape *tape, lf_tensor *v, lf_tensor *beta)

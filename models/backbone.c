@@ -89,8 +89,12 @@ int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *im
     const lf_block *block = backbone->block;
     for (int s = 0; s < c->stages; s++) {
         lf_scope(tape, "stage%d", s + 1);
-        for (int i = 0; i < c->blocks[s]; i++)
-            x = lf_block_forward(tape, block++, x, training);
+        for (int i = 0; i < c->blocks[s]; i++) {
+            lf_tensor *before = x;
+            x = lf_block_forward(tape, block++, before, training);
+            if (i > 0)
+                lf_drop(tape, before);
+        }
         maps[s + 1] = x;
         lf_scope_end(tape);
     }
@@ -115,8 +119,11 @@ int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *i
                         bool training, lf_tensor *maps[LF_BACKBONE_MAPS])
 {
     lf_tensor *inner[LF_BACKBONE_MAPS];
-    lf_backbone_fields(tape, backbone, images, training, inner);
-    return lf_backbone_scalars(tape, backbone, inner, maps);
+    const int fields = lf_backbone_fields(tape, backbone, images, training, inner);
+    const int count = lf_backbone_scalars(tape, backbone, inner, maps);
+    for (int m = 0; m < fields; m++)
+        lf_drop(tape, inner[m]);
+    return count;
 }
 
 /* ---- cost ------------------------------------------------------------------------------------ */
@@ -140,7 +147,7 @@ static extent count_unit(const lf_unit *unit, extent in, lf_backbone_cost *cost)
     const long pairs = unit->c8 ? w->dim[0] * LF_C8 * w->dim[1] * turns : w->dim[2] * w->dim[3];
     const long channels = unit->c8 ? w->dim[0] * LF_C8 : w->dim[3];
     cost->macs += (double)(out.height * out.width * size * size) * (double)pairs;
-    cost->kept += 2 * (double)(out.height * out.width) * (double)channels;
+    cost->kept += (double)(out.height * out.width) * (double)channels;
     cost->parameters += w->size + unit->norm.scale->size + unit->norm.shift->size;
     return out;
 }

@@ -181,7 +181,7 @@ lf_recon_cost lf_recon_costs(const lf_recon *model, long views)
     lf_recon_cost cost = {.image = b.macs,
                           .image_kept = b.kept + pixels * c->backbone.in_channels,
                           .point = (double)views * 4 * (double)model->feature_count,
-                          .point_kept = 2 * (double)views * (double)model->feature_count};
+                          .point_kept = (double)views * (double)model->feature_count};
     c->network->cost(model, views, &cost);
     return cost;
 }

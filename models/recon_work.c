@@ -107,6 +107,8 @@ static void encode(lf_recon_work *work, const lf_recon_images *images, bool trai
     lf_tape_set_grad(work->features, training);
     lf_recon_encode_images(work->features, work->model, image_leaf(work, images), images->views,
                            images->grid, training, &work->code);
+    for (int m = 0; training && m < work->code.inner_maps; m++)
+        lf_drop(work->features, work->code.inner[m]);
 }
 
 /* ---- training ---- */
@@ -119,13 +121,24 @@ typedef struct batch {
     lf_recon_inputs in; /* of all points, on the features' tape, with grad */
 } batch;
 
+/* Rows [from, from + count) of the samples, with a gradient of the tile's own. */
+static lf_tensor *seen_rows(lf_tape *tape, const lf_tensor *seen, long from, long count)
+{
+    const long row = seen->size / seen->dim[0];
+    lf_real *grad = seen->wants ? lf_alloc_reals(tape, count * row) : NULL;
+    if (grad)
+        memset(grad, 0, (size_t)(count * row) * sizeof *grad);
+    return lf_leaf(tape, 3, LF_DIMS(count, seen->dim[1], seen->dim[2]), seen->value + from * row,
+                   grad);
+}
+
 /* Rows [from, from + count) of all inputs, on a tile's tape. */
 static lf_recon_inputs rows_of(lf_tape *tape, const lf_recon_inputs *in,
                                const lf_recon_points *points, long from)
 {
     const long count = points->count;
     lf_tensor direction = *in->rays.direction, mask = *in->rays.mask;
-    return (lf_recon_inputs){.seen = lf_rows_view(tape, in->seen, from, count),
+    return (lf_recon_inputs){.seen = seen_rows(tape, in->seen, from, count),
                              .known = in->known ? lf_rows_view(tape, in->known, from, count) : NULL,
                              .rays = {count, points->views,
                                       lf_rows_view(tape, &direction, from, count),
@@ -133,7 +146,8 @@ static lf_recon_inputs rows_of(lf_tape *tape, const lf_recon_inputs *in,
                              .points = points};
 }
 
-/* Forward and backward of one tile; its gradients go to the lane and to its rows of the inputs'. */
+/* Forward and backward of one tile; its gradients go to the lane and to its rows of the inputs':
+ * that of the samples takes their place, since no other tile reads these rows. */
 static double run_tile(const batch *b, lf_tape *tape, const lane *l, long from, long count)
 {
     lf_tape_reset(tape);
@@ -145,6 +159,8 @@ static double run_tile(const batch *b, lf_tape *tape, const lane *l, long from, 
     lf_tensor *loss = lf_sdf_loss(tape, x, b->sdf + from, b->loss);
     lf_scope_end(tape);
     lf_backward(tape, loss, (lf_real)(1 / (double)b->points->count));
+    if (in.seen->grad)
+        memcpy(in.seen->value, in.seen->grad, (size_t)in.seen->size * sizeof *in.seen->grad);
     return (double)loss->value[0];
 }
 
@@ -186,9 +202,8 @@ double lf_recon_step(lf_recon_work *work, const lf_recon_images *images,
     encode(work, images, true);
     batch b = {work, points, sdf, loss,
                lf_recon_look(work->features, work->model, &work->code, points)};
-    lf_grad(work->features, b.in.seen); /* tiles add to their own rows of it */
     if (b.in.known)
-        lf_grad(work->features, b.in.known);
+        lf_grad(work->features, b.in.known); /* tiles add to their own rows of it */
     lf_scope(work->features, LF_SCOPE_TEAM);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(workers())
     for (int l = 0; l < LF_RECON_LANES; l++)
@@ -197,6 +212,7 @@ double lf_recon_step(lf_recon_work *work, const lf_recon_images *images,
     lf_scope(work->features, "lanes");
     const double total = reduce_lanes(work);
     lf_scope_end(work->features);
+    lf_grad_in_place(work->features, b.in.seen); /* written by the tiles */
     lf_backward_from(work->features);
     return total / (double)points->count;
 }

@@ -128,8 +128,8 @@ static int group_sum(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_te
 }
 
 /* The basis must outlive the backward walk: put it on the tape. */
-static int expand(lf_tape *tape, int size, lf_c8_cutoff cutoff, lf_tensor *const *in,
-                  lf_tensor **out)
+static int c8_conv(lf_tape *tape, int size, lf_c8_cutoff cutoff, long stride, lf_tensor *const *in,
+                   lf_tensor **out)
 {
     lf_c8_basis own, *basis = lf_alloc(tape, sizeof *basis);
     lf_c8_basis_init(&own, size, cutoff);
@@ -138,32 +138,32 @@ static int expand(lf_tape *tape, int size, lf_c8_cutoff cutoff, lf_tensor *const
     basis->table = lf_alloc_reals(tape, n);
     memcpy(basis->table, own.table, (size_t)n * sizeof(lf_real));
     lf_c8_basis_free(&own);
-    out[0] = lf_c8_expand(tape, basis, in[0]);
+    out[0] = lf_c8_conv2d(tape, basis, in[0], in[1], stride);
     return 1;
 }
 
-static int expand_lift(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+static int c8_conv_lift(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
-    return expand(tape, 5, LF_C8_E2CNN, in, out);
+    return c8_conv(tape, 5, LF_C8_E2CNN, 2, in, out);
 }
 
-static int expand_regular(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+static int c8_conv_regular(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
-    return expand(tape, 3, LF_C8_E2CNN, in, out);
+    return c8_conv(tape, 3, LF_C8_E2CNN, 1, in, out);
 }
 
-static int expand_redet(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+static int c8_conv_redet(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
-    return expand(tape, 3, LF_C8_REDET, in, out);
+    return c8_conv(tape, 3, LF_C8_REDET, 2, in, out);
 }
 
-static int expand_circulant(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+static int c8_conv_circulant(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
-    return expand(tape, 1, LF_C8_E2CNN, in, out);
+    return c8_conv(tape, 1, LF_C8_E2CNN, 1, in, out);
 }
 
 #define NORM_INPUTS(height, channels, fields)                                                      \
@@ -218,13 +218,25 @@ const op_case image_cases[] = {
     {"volume_slices: one", volume_slices, {{5, {2, 1, 2, 2, 3}, FILL_NORMAL, false}}, 1, 0},
     {"sample_volume", sample_volume, {{5, {2, 3, 4, 5, 2}, FILL_NORMAL, false}}, 1, 0},
     {"group_sum", group_sum, {{4, {2, 3, 2, 16}, FILL_NORMAL, false}}, 1, 0},
-    {"c8_expand: lift, 5x5", expand_lift, {{3, {2, 3, 11}, FILL_NORMAL, false}}, 1, 0},
-    {"c8_expand: regular, 3x3", expand_regular, {{4, {2, 3, 8, 6}, FILL_NORMAL, false}}, 1, 0},
-    {"c8_expand: regular, 3x3, 3r", expand_redet, {{4, {1, 2, 8, 8}, FILL_NORMAL, false}}, 1, 0},
-    {"c8_expand: block-circulant 1x1",
-     expand_circulant,
-     {{4, {3, 2, 8, 1}, FILL_NORMAL, false}},
-     1,
+    {"c8_conv2d: lift, 5x5, stride 2",
+     c8_conv_lift,
+     {{4, {2, 7, 5, 3}, FILL_NORMAL, false}, {3, {2, 3, 11}, FILL_NORMAL, false}},
+     2,
+     0},
+    {"c8_conv2d: regular, 3x3",
+     c8_conv_regular,
+     {{4, {2, 3, 4, 24}, FILL_NORMAL, false}, {4, {2, 3, 8, 6}, FILL_NORMAL, false}},
+     2,
+     0},
+    {"c8_conv2d: regular, 3x3, 3r, stride 2",
+     c8_conv_redet,
+     {{4, {2, 5, 3, 16}, FILL_NORMAL, false}, {4, {1, 2, 8, 8}, FILL_NORMAL, false}},
+     2,
+     0},
+    {"c8_conv2d: block-circulant 1x1",
+     c8_conv_circulant,
+     {{4, {2, 3, 3, 16}, FILL_NORMAL, false}, {4, {3, 2, 8, 1}, FILL_NORMAL, false}},
+     2,
      0},
 };
 const int image_case_count = (int)(sizeof image_cases / sizeof *image_cases);

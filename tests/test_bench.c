@@ -2,6 +2,7 @@
  * their way through a pipe, JSON, the picture. No time is measured. */
 #include "tests/scene_fixture.h"
 
+#include "bench/growth.h"
 #include "bench/picture.h"
 #include "bench/report.h"
 
@@ -327,6 +328,53 @@ static void crowded_picture(void **state)
     free(many);
 }
 
+/* ---- growth ---------------------------------------------------------------------------------- */
+
+/* y = 3 n^2 has the exponent 2 everywhere; of n + 96 the last one is near 0.4. */
+static void exponents(void **state)
+{
+    (void)state;
+    const double n[4] = {4, 8, 16, 64};
+    double y[4];
+    for (int i = 0; i < 4; i++)
+        y[i] = 3 * n[i] * n[i];
+    lf_growth_exponent p = lf_growth_exponent_of(4, n, y);
+    assert_close(p.fit, 2, 1e-12, 0);
+    assert_close(p.last, 2, 1e-12, 0);
+    for (int i = 0; i < 4; i++)
+        y[i] = n[i] + 96;
+    p = lf_growth_exponent_of(4, n, y);
+    assert_close(p.last, log(160.0 / 112) / log(4), 1e-12, 0);
+    assert_true(p.fit > 0 && p.fit < p.last);
+    p = lf_growth_exponent_of(2, n, y);
+    assert_close(p.fit, p.last, 1e-12, 0);
+}
+
+static void growth_files(void **state)
+{
+    const lf_growth_row rows[] = {
+        {"a", "step", "views", 3, 1, {1, 2, 4}, {1e-3, 2e-3, 4e-3}, {1e6, 4e6, 16e6}},
+        {"a", "step", "width", 2, 0, {1, 2}, {2e-3, 8e-3}, {4e6, 4e6}},
+        {"b", "row", "views", 2, 1, {1, 2}, {3e-3, 3e-3}, {1e6, 2e6}}};
+    char path[512];
+    place(state, "g.png", path);
+    json_t *all = lf_growth_json(rows, 3, 2);
+    const json_t *first = json_array_get(json_object_get(all, "rows"), 0);
+    assert_string_equal(json_string_value(json_object_get(first, "quantity")), "views");
+    assert_close(number(first, "base"), 2, 1e-12, 0);
+    assert_close(json_real_value(json_array_get(json_object_get(first, "ms"), 2)), 4, 1e-12, 0);
+    assert_close(number(json_object_get(first, "exponent_of_time"), "fit"), 1, 1e-9, 0);
+    assert_close(number(json_object_get(first, "exponent_of_memory"), "last"), 2, 1e-9, 0);
+    json_decref(all);
+    lf_error err = {""};
+    if (lf_growth_picture(path, rows, 3, &err) != LF_OK)
+        fail_msg("%s", err.text);
+    lf_image *image = NULL;
+    assert_int_equal(lf_image_read(path, &image, &err), LF_OK);
+    assert_true(image->width > image->height); /* two panels beside each other */
+    lf_image_free(image);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -342,6 +390,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(picture_has_both_panels, set_up, tear_down),
         cmocka_unit_test_setup_teardown(picture_of_little, set_up, tear_down),
         cmocka_unit_test_setup_teardown(crowded_picture, set_up, tear_down),
+        cmocka_unit_test(exponents),
+        cmocka_unit_test_setup_teardown(growth_files, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -38,6 +38,25 @@ expect 0 '^softmax +7 values' "$bench" stability --list
 expect 0 '^softmax +logits 10000 .*yes$' "$bench" stability softmax --check --json hard.json
 grep -q '"case": "softmax"' hard.json || fail "no softmax in hard.json"
 
+### Growth
+
+expect 2 'nonsense: what grows is views' "$bench" growth nonsense
+expect 2 'unrecognized option' "$bench" growth --nonsense
+expect 2 '--system nonsense: ' "$bench" growth --system nonsense
+expect 2 '--repeats 0: a number from 1' "$bench" growth --repeats 0
+expect 2 'none of these; elf-bench growth --list' "$bench" growth rays --system disn
+expect 2 'nowhere/a.json: its folder' "$bench" growth --json nowhere/a.json
+expect 2 '--picture a.jpg: a name that ends in' "$bench" growth --picture a.jpg
+expect 2 'elf-bench draws it' "$bench-f64" growth --picture a.png
+expect 0 'reconstruct-tiny.ini' "$bench" growth --help
+expect 0 '^ibrnet +row +samples$' "$bench" growth --list
+[ "$(wc -l <out)" = 52 ] || fail "growth lists other rows"
+expect 0 '^fvor +distances points +2048 4096 8192 16384 ' \
+    "$bench" growth points --system fvor "${few[@]}" --json grown.json --picture grown.png
+grep -q '"exponent_of_time": {' grown.json || fail "no exponent in grown.json"
+[ "$(head -c 4 grown.png | tail -c 3)" = PNG ] || fail "the picture of growth is no PNG"
+expect 0 '^ibrnet +row +rays +50 100 200 400 ' "$bench-f64" growth rays --system ibrnet "${few[@]}"
+
 ### Errors against double
 
 error='[0-9.]+e-0[5-9]'
@@ -47,6 +66,8 @@ expect 0 "^conv-9-1x1 .*$error +$error y" "$bench" "${few[@]}" --exact conv-9-1x
 expect 0 "^equivariant-16 .*$error +$error [a-z]" "$bench" "${few[@]}" equivariant-16
 expect 0 '^linear-16 .*% [fm] +- +- +- +-$' "$bench" "${few[@]}" --exact linear-16 --no-errors
 expect 0 '^linear-16 .*% [fm] +- +- +- +-$' "$bench-f64" "${few[@]}" --exact linear-16 # is the reference
+expect 0 "^\\| linear-16 \\| .* y $error, $error \\|$" "$bench" --errors --exact linear-16 --threads 1
+expect 2 '--errors: of elf-bench' "$bench" --errors linear-16 --scaling
 mkdir alone
 cp "$bench" alone/elf-bench
 unmeasured() { # unmeasured WORDS OPTIONS...: a message in place of the error, and no number

@@ -284,6 +284,15 @@ static void conv_wide(void **state)
     check_conv(lf_conv_shape(1, 300, 2, 3, 4, 3, 1, 1));
 }
 
+/* Images of so many pixels that the filter's gradient is summed in parts: of one image, by panels;
+ * of several, in lanes. */
+static void conv_in_parts(void **state)
+{
+    (void)state;
+    check_conv(lf_conv_shape(1, 131, 260, 2, 72, 3, 1, 1));
+    check_conv(lf_conv_shape(3, 130, 129, 3, 5, 3, 1, 1));
+}
+
 static void conv_adjoint(void **state)
 {
     (void)state;
@@ -378,6 +387,7 @@ int main(void)
         cmocka_unit_test(linear_keeps_nan),      cmocka_unit_test(linear_adjoint),
         cmocka_unit_test(matmul_like_reference), cmocka_unit_test(conv_backbone),
         cmocka_unit_test(conv_odd_shapes),       cmocka_unit_test(conv_wide),
-        cmocka_unit_test(conv_adjoint),          cmocka_unit_test(threads_change_nothing)};
+        cmocka_unit_test(conv_in_parts),         cmocka_unit_test(conv_adjoint),
+        cmocka_unit_test(threads_change_nothing)};
     return cmocka_run_group_tests_name("kernels", tests, NULL, NULL);
 }

@@ -1,6 +1,9 @@
 /* test_ops.c: the gradient of every op and layer by table (double build), and that every public op
  * has a row. */
 #include "autograd/ops.h"
+#include "autograd/ops_image.h"
+#include "autograd/random.h"
+#include "autograd/spare.h"
 #include "tests/close.h"
 #include "tests/gradcheck.h"
 
@@ -103,6 +106,90 @@ static void two_walks_add_up(void **state)
     lf_tape_free(tape);
 }
 
+/* ---- memory that is used again ---- */
+
+static void spare_pieces_are_cut_and_joined(void **state)
+{
+    (void)state;
+    enum { LINE = LF_SPARE_ALIGNMENT / sizeof(lf_real) };
+    static lf_real memory[8 * LINE];
+    lf_spares s = {.count = 0};
+    assert_null(lf_spares_take(&s, 1));
+    lf_spares_give(&s, memory, 4 * LINE);
+    lf_spares_give(&s, memory + 6 * LINE, LINE + 1);               /* rounded up to two lines */
+    assert_ptr_equal(lf_spares_take(&s, LINE), memory + 6 * LINE); /* the smallest that will do */
+    assert_ptr_equal(lf_spares_take(&s, 3 * LINE), memory);
+    lf_spares_give(&s, memory + 4 * LINE, 2 * LINE); /* joins the one before */
+    assert_int_equal(s.count, 2);
+    lf_spares_give(&s, memory + 6 * LINE, LINE); /* and both of these */
+    lf_spares_give(&s, memory, 3 * LINE);
+    assert_int_equal(s.count, 1);
+    assert_ptr_equal(lf_spares_take(&s, 8 * LINE), memory);
+    assert_null(lf_spares_take(&s, 1));
+}
+
+enum { NORM = 2 * 3 * 3 * 4 };
+
+/* Gradients of two norms on top of each other, the first one's result also the residual of the
+ * second and seen through a view; `drop`: of neither the values are kept. Two walks. */
+static void walk_norms(lf_tape *tape, bool drop, const lf_real *x, lf_real *dx, lf_real *dparts)
+{
+    static lf_real ones[4] = {1, 2, -1, 0.5};
+    const lf_field_norm_options options = {LF_NORM_BATCH, 1, 1e-5, 0.1, true, NULL, NULL};
+    lf_tape_reset(tape);
+    lf_tensor *in = lf_leaf(tape, 4, LF_DIMS(2, 3, 3, 4), (lf_real *)(uintptr_t)x, dx);
+    lf_tensor *scale = lf_leaf(tape, 1, LF_DIMS(4), ones, dparts);
+    lf_tensor *shift = lf_leaf(tape, 1, LF_DIMS(4), ones, dparts + 4);
+    lf_tensor *a = lf_field_norm(tape, in, scale, shift, NULL, &options);
+    lf_tensor *view = lf_reshape(tape, a, 2, LF_DIMS(18, 4));
+    lf_tensor *squares = lf_multiply(tape, view, view);
+    lf_tensor *b = lf_field_norm(tape, lf_multiply(tape, a, in), scale, shift, a, &options);
+    lf_tensor *first = lf_sum(tape, squares), *second = lf_sum(tape, lf_multiply(tape, b, in));
+    if (drop) {
+        lf_drop(tape, a);
+        lf_drop(tape, b);
+        lf_drop(tape, in); /* a leaf stays */
+        assert_true(!a->value && !b->value && in->value);
+        lf_tensor_like(tape, in); /* is where a or b was */
+    }
+    lf_backward(tape, first, 1);
+    lf_backward(tape, second, 1);
+}
+
+static void dropped_values_are_made_again(void **state)
+{
+    (void)state;
+    lf_tape *tape = lf_tape_create();
+    lf_real x[NORM], dx[2][NORM] = {{0}}, dparts[2][8] = {{0}};
+    lf_stream s = lf_stream_at(1, LF_RANDOM_TEST, 0, 0);
+    for (int i = 0; i < NORM; i++)
+        x[i] = (lf_real)lf_normal(&s);
+    for (int drop = 0; drop < 2; drop++)
+        walk_norms(tape, drop, x, dx[drop], dparts[drop]);
+    assert_true(dx[0][0] != 0);
+    assert_memory_equal(dx[0], dx[1], sizeof dx[0]);
+    assert_memory_equal(dparts[0], dparts[1], sizeof dparts[0]);
+    lf_tape_free(tape);
+}
+
+static void gradient_in_the_place_of_values(void **state)
+{
+    (void)state;
+    lf_tape *tape = lf_tape_create();
+    lf_real x[4] = {1, 2, 3, 4}, grad[4] = {0};
+    lf_tensor *y = lf_scale(tape, lf_leaf(tape, 1, LF_DIMS(4), x, grad), 2);
+    lf_real *g = lf_grad_in_place(tape, y);
+    assert_ptr_equal(g, y->value);
+    for (int i = 0; i < 4; i++)
+        g[i] = (lf_real)(10 * i);
+    lf_backward_from(tape);
+    for (int i = 0; i < 4; i++)
+        assert_close(grad[i], 20 * i, 0, 0);
+    lf_tensor *constant = lf_scale(tape, lf_leaf(tape, 1, LF_DIMS(4), x, NULL), 2);
+    assert_null(lf_grad_in_place(tape, constant));
+    lf_tape_free(tape);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -114,6 +201,9 @@ int main(void)
         cmocka_unit_test(arena_reaches_its_size_once),
         cmocka_unit_test(arena_grows_for_scratch),
         cmocka_unit_test(two_walks_add_up),
+        cmocka_unit_test(spare_pieces_are_cut_and_joined),
+        cmocka_unit_test(dropped_values_are_made_again),
+        cmocka_unit_test(gradient_in_the_place_of_values),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

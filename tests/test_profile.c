@@ -245,9 +245,11 @@ static void check_images(const net *n, const lf_profile_row *row, int count)
     const double images = V * lf_backbone_macs(&n->model.backbone, SIZE, SIZE).macs;
     const double edge = (SIZE + 1) / 2, size = (double)stem->steerable.basis.size;
     const double first = V * edge * edge * size * size * CHANNELS * 8 * c->backbone.stem_fields;
-    const lf_profile_row *conv = find(row, count, "", "conv2d");
-    assert_true(conv->products[0] == images);
-    assert_true(conv->products[1] == 2 * images - first); /* images want no gradient */
+    const lf_profile_row *heads = find(row, count, "", "conv2d");
+    const lf_profile_row *conv = find(row, count, "", "c8_conv2d");
+    assert_true(conv->products[0] + heads->products[0] == images);
+    assert_true(conv->products[1] + heads->products[1] ==
+                2 * images - first); /* images want no gradient */
     const double sampled = 4.0 * Q * V * (double)n->model.feature_count;
     const lf_profile_row *samples = find(row, count, "", "sample_maps");
     assert_true(samples->products[0] == sampled);

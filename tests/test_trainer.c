@@ -444,7 +444,7 @@ static void diverging_stops_with_a_message(void **state)
     static const struct {
         const char *array, *op;
     } cases[] = {{"head.0.weight", "forward of linear"},
-                 {"backbone.stem.weight", "forward of c8_expand"}};
+                 {"backbone.stem.weight", "forward of c8_conv2d"}};
     for (int i = 0; i < 2; i++) {
         char name[16];
         snprintf(name, sizeof name, "spoilt-%d", i);

@@ -157,7 +157,7 @@ static void count(const void *self, lf_cost *out)
 }
 
 /* Refuse a step that this machine cannot hold, before an hour of rendering. An estimate from below:
- * the outputs of all convolutions and norms, and the samples with their gradient. */
+ * the outputs of all convolutions, and the samples. */
 static lf_status check_memory(void *self, lf_error *err)
 {
     const recon_task *t = self;

@@ -14,11 +14,14 @@
 #include <string.h>
 
 #include "autograd/kernels/gather.h"
-#include "autograd/kernels/lanes.h"
 #include "autograd/kernels/tile.h"
 #include "autograd/status.h"
 
-enum { CHUNK = 42 * LF_TILE }; /* pixels whose addresses are listed at a time */
+enum {
+    CHUNK = 42 * LF_TILE, /* pixels whose addresses are listed at a time */
+    MAX_STRIDE = 4,       /* of dx */
+    MAX_CLASSES = MAX_STRIDE * MAX_STRIDE
+};
 
 /* Results go to pixel (line * step + i0, column * step + j0) of [images, height, width, channels],
  * where that exists. */
@@ -32,7 +35,8 @@ typedef struct class
 {
     long taps[2], residue[2];
     long i0, j0;
-    const lf_real *panels; /* one after another: [terms][panel_step] */
+    long first;            /* the panel that lies at `panels` */
+    const lf_real *panels; /* from it on, one after another: [terms][panel_step] */
     lf_real *packed;       /* the same, still to be filled; NULL: they are the filter itself */
 } class;
 
@@ -91,7 +95,7 @@ static void pack_panel(const plan *p, long classes, const class *c, long k)
 {
     for (; classes > 0; classes--, c++) {
         const long depth = c->taps[0] * c->taps[1] * p->from.channels;
-        lf_real *panel = c->packed + k * depth * LF_PANEL;
+        lf_real *panel = c->packed + (k - c->first) * depth * LF_PANEL;
         if (c->packed && p->flipped)
             pack_flipped(p->s, p->w, c, k, panel);
         else if (c->packed)
@@ -113,7 +117,7 @@ static void run_pixels(const plan *p, const class *c, panel_range only, const lf
         if (p->bias)
             memcpy(start, p->bias + j, (size_t)width * sizeof *start);
         const lf_product t = {.window = {c->taps[0], c->taps[1] * p->from.channels, in->pitch},
-                              .panel = c->panels + k * LF_PANEL * depth,
+                              .panel = c->panels + (k - c->first) * LF_PANEL * depth,
                               .panel_step = lf_panel_step(width),
                               .column = j,
                               .width = width,
@@ -161,15 +165,35 @@ static void run_block(const plan *p, long classes, const class *c, panel_range o
         run_class(p, &c[k], only, b, &in);
 }
 
+/* Numbers of the panels of one thread, where every thread packs those that it uses. */
+static long room_of_thread(const lf_conv *s, long channels)
+{
+    return s->size * s->size * channels * LF_LAST_PANEL;
+}
+
+/* Panel k of the result for all pixels, packed at `room` first. */
+static void run_panel(const plan *p, long classes, const class *c, long k, lf_real *room,
+                      const lf_block *all)
+{
+    class own[MAX_CLASSES];
+    for (long i = 0; i < classes; i++) {
+        own[i] = c[i];
+        own[i].first = k;
+        own[i].panels = own[i].packed = room;
+        room += c[i].taps[0] * c[i].taps[1] * p->from.channels * LF_LAST_PANEL;
+    }
+    pack_panel(p, classes, own, k);
+    run_block(p, classes, own, (panel_range){k, 1}, all);
+}
+
 /* One block for all pixels, parallel over panels: a filter larger than the image is then read by
- * one thread only, the one that packed it. */
+ * one thread only, and a packed panel stays in its cache. */
 static void run_panels(const plan *p, long classes, const class *c, const lf_block *all)
 {
+    const long each = room_of_thread(p->s, p->from.channels);
 #pragma omp parallel for schedule(static)
-    for (long k = 0; k < lf_panels(p->to.channels); k++) {
-        pack_panel(p, classes, c, k);
-        run_block(p, classes, c, (panel_range){k, 1}, all);
-    }
+    for (long k = 0; k < lf_panels(p->to.channels); k++)
+        run_panel(p, classes, c, k, c->packed + omp_get_thread_num() * each, all);
 }
 
 /* Parallel over blocks of lines and columns. */
@@ -195,18 +219,30 @@ static void run_blocks(const plan *p, long classes, const class *c, lf_block siz
     }
 }
 
+static long threads_now(void)
+{
+    return omp_in_parallel() ? 1 : omp_get_max_threads();
+}
+
+/* All of the grid is one block, and there are panels for all threads. */
+static bool by_panels(const lf_gather *g, long channels)
+{
+    const long total = g->images * g->lines, threads = threads_now();
+    const lf_block size = lf_gather_block(g, total);
+    return size.lines == total && size.columns == g->columns && total * g->columns <= CHUNK &&
+           lf_panels(channels) % threads == 0;
+}
+
 /* Every class over the whole grid. */
 static void run_grid(const plan *p, long classes, const class *c)
 {
     const lf_gather *g = &p->from;
-    const long threads = omp_in_parallel() ? 1 : omp_get_max_threads();
-    const long total = g->images * g->lines;
+    const long total = g->images * g->lines, threads = threads_now();
+    const lf_block all = {0, total, 0, g->columns};
     if (total == 0)
         return;
-    const lf_block size = lf_gather_block(g, total);
-    if (size.lines == total && size.columns == g->columns && total * g->columns <= CHUNK &&
-        lf_panels(p->to.channels) % threads == 0)
-        run_panels(p, classes, c, &size);
+    if (c->packed && by_panels(g, p->to.channels))
+        run_panels(p, classes, c, &all);
     else
         run_blocks(p, classes, c, lf_gather_block(g, (total + threads - 1) / threads), threads);
 }
@@ -256,7 +292,7 @@ static long taps_of(const lf_conv *s, long r)
 static lf_real *make_class(const lf_conv *s, long r, long q, lf_real *room, class *c)
 {
     const long shift = s->pad / s->stride * s->stride - s->pad; /* of the grid's first line */
-    *c = (class){{taps_of(s, r), taps_of(s, q)}, {r, q}, shift + r, shift + q, room, room};
+    *c = (class){{taps_of(s, r), taps_of(s, q)}, {r, q}, shift + r, shift + q, 0, room, room};
     return room + c->taps[0] * c->taps[1] * s->out * padded(s->in);
 }
 
@@ -276,8 +312,6 @@ static lf_gather dx_windows(const lf_conv *s, const lf_real *dy)
                        window - 1 - first};
 }
 
-enum { MAX_STRIDE = 4 };
-
 void lf_kernel_conv_dx(const lf_conv *s, const lf_real *dy, const lf_real *w, lf_real *dx,
                        lf_real *scratch)
 {
@@ -291,7 +325,7 @@ void lf_kernel_conv_dx(const lf_conv *s, const lf_real *dy, const lf_real *w, lf
         lf_ref_conv_dx(s, dy, w, dx, scratch);
         return;
     }
-    class c[MAX_STRIDE * MAX_STRIDE];
+    class c[MAX_CLASSES];
     long classes = 0;
     lf_real *room = align(scratch);
     for (long r = 0; r < min(s->stride, s->size); r++)
@@ -321,12 +355,18 @@ lf_conv lf_conv_shape(long images, long height, long width, long in, long out, l
                      (width + 2 * pad - size) / stride + 1};
 }
 
+/* Of a product over grid g from `terms` channels to `channels`. */
+static long scratch_of(const lf_conv *s, const lf_gather *g, long terms, long channels)
+{
+    return by_panels(g, channels) ? threads_now() * room_of_thread(s, terms)
+                                  : s->size * s->size * terms * padded(channels);
+}
+
 long lf_conv_scratch(const lf_conv *s)
 {
-    const long taps = s->size * s->size, slack = 64 / (long)sizeof(lf_real);
-    const long forward = taps * s->in * padded(s->out);
-    const long dx = taps * s->out * padded(s->in);
-    const long dw = lf_conv_lanes(s) * (taps * s->in + 1) * s->out;
-    const long most = forward > dx ? forward : dx;
+    const lf_gather forward = windows(s, NULL), dx = dx_windows(s, NULL);
+    const long slack = 64 / (long)sizeof(lf_real), a = scratch_of(s, &forward, s->in, s->out);
+    const long b = scratch_of(s, &dx, s->out, s->in), dw = lf_conv_dw_scratch(s);
+    const long most = a > b ? a : b;
     return slack + (most > dw ? most : dw);
 }

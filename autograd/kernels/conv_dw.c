@@ -9,18 +9,21 @@
  * Work is cut by lanes of images where images are large (each lane has a filter of its own to sum
  * into) and by panels of o where they are small and adding up the lanes would cost more than it
  * saves. Both cuts depend on the shape alone.
+ *
+ * Of an image of very many pixels a part is summed by itself before it is added to the rest, which
+ * keeps the digits that many small addends to a large sum would lose.
  */
 #include <omp.h>
 #include <string.h>
 
 #include "autograd/kernels/gather.h"
-#include "autograd/kernels/lanes.h"
 #include "autograd/kernels/tile.h"
 
 enum {
     MAX_LANES = 8,
     LANE_PIXELS = 32, /* output pixels of an image that pay for one more lane */
-    PIXELS = 192      /* of a block: x and dy of a tile stay in L1 */
+    PIXELS = 192,     /* of a block: x and dy of a tile stay in L1 */
+    PART = 1 << 14    /* output pixels of an image that are summed by themselves */
 };
 
 static long min(long a, long b)
@@ -28,19 +31,58 @@ static long min(long a, long b)
     return a < b ? a : b;
 }
 
-long lf_conv_lanes(const lf_conv *s)
+static long filter_size(const lf_conv *s)
+{
+    return s->size * s->size * s->in * s->out;
+}
+
+/* How many lanes of images; lane l takes images l, l + lanes, ..., and lanes are added in their
+ * order. */
+static long lanes_of(const lf_conv *s)
 {
     const long most = s->out_height * s->out_width / LANE_PIXELS;
     return most < 1 ? 1 : min(min(most, MAX_LANES), s->images < 1 ? 1 : s->images);
 }
 
-/* The gradients that one task sums: columns [first, first + columns) of o. */
+/* Images have parts that are summed by themselves. */
+static bool in_parts(const lf_conv *s)
+{
+    return s->out_height * s->out_width > PART;
+}
+
+long lf_conv_dw_scratch(const lf_conv *s)
+{
+    const long lanes = lanes_of(s), each = filter_size(s) + s->out;
+    return (lanes == 1 ? 0 : lanes * each) + (in_parts(s) ? lanes * each : 0);
+}
+
+/* The gradients that one task sums: columns [first, first + columns) of o. Of a part of an image,
+ * if `all` is not NULL: there it is added to what has been summed. */
 typedef struct part {
     const lf_conv *s;
     const lf_real *x, *dy;
     lf_real *dw, *db;
     long first, columns;
+    lf_real *all, *all_b;
 } part;
+
+/* rows x columns of two filters, `step` apart: from goes to `to`, and is 0 then. */
+static void hand_over(long rows, long columns, long step, lf_real *from, lf_real *to)
+{
+    for (long r = 0; r < rows; r++)
+        for (long j = 0; j < columns; j++) {
+            to[r * step + j] += from[r * step + j];
+            from[r * step + j] = 0;
+        }
+}
+
+static void end_part(const part *t)
+{
+    const long o = t->s->out;
+    hand_over(filter_size(t->s) / o, t->columns, o, t->dw + t->first, t->all + t->first);
+    if (t->db)
+        hand_over(1, t->columns, o, t->db + t->first, t->all_b + t->first);
+}
 
 /* One panel of o over a block of pixels; dy readable in whole vectors. */
 static void add_panel(const lf_conv *s, const lf_pixels *g, const lf_gathered *in, long line,
@@ -117,12 +159,19 @@ static void add_image(const part *t, const lf_gather *g, long image)
 {
     lf_block size = lf_gather_block(g, g->lines);
     size.columns = min(size.columns, PIXELS);
-    for (long i = 0; i < g->lines; i += size.lines)
+    long pixels = 0;
+    for (long i = 0; i < g->lines; i += size.lines) {
         for (long j = 0; j < g->columns; j += size.columns) {
             const lf_block b = {image * g->lines + i, min(size.lines, g->lines - i), j,
                                 min(size.columns, g->columns - j)};
             add_block(t, g, &b);
         }
+        pixels += size.lines * g->columns;
+        if (t->all && (pixels >= PART || i + size.lines >= g->lines)) {
+            end_part(t);
+            pixels = 0;
+        }
+    }
 }
 
 /* All images, several at a time if they are small: a filter larger than the caches should not be
@@ -143,6 +192,15 @@ static void add_images(const part *t, const lf_gather *g)
 
 /* ---- lanes ----------------------------------------------------------------------------------- */
 
+/* Lets t sum parts by themselves, in room [filter, bias]: all 0 to begin with. */
+static void use_parts(part *t, lf_real *room)
+{
+    t->all = t->dw;
+    t->all_b = t->db;
+    t->dw = room;
+    t->db = t->db ? room + filter_size(t->s) : NULL;
+}
+
 static void sum_lane(const part *t, const lf_gather *g, long lane, long lanes, long size,
                      lf_real *scratch)
 {
@@ -150,6 +208,11 @@ static void sum_lane(const part *t, const lf_gather *g, long lane, long lanes, l
     own.dw = scratch + lane * size;
     own.db = t->db ? own.dw + size - t->s->out : NULL;
     memset(own.dw, 0, (size_t)size * sizeof *own.dw);
+    if (in_parts(t->s)) {
+        lf_real *room = scratch + (lanes + lane) * size;
+        memset(room, 0, (size_t)size * sizeof *room);
+        use_parts(&own, room);
+    }
     for (long n = lane; n < t->s->images; n += lanes)
         add_image(&own, g, n);
 }
@@ -171,21 +234,24 @@ void lf_kernel_conv_dw(const lf_conv *s, const lf_real *x, const lf_real *dy, lf
     const lf_gather g = {x,         s->images,     s->height,    s->width,
                          s->in,     s->out_height, s->out_width, s->size,
                          s->stride, s->pad};
-    const long lanes = lf_conv_lanes(s), filter = s->size * s->size * s->in * s->out;
+    const long lanes = lanes_of(s), filter = filter_size(s);
     if (!lf_gather_fits(&g)) {
         lf_ref_conv_dw(s, x, dy, dw, db, scratch);
         return;
     }
     if (lanes == 1) {
+        memset(scratch, 0, (size_t)lf_conv_dw_scratch(s) * sizeof *scratch);
 #pragma omp parallel for schedule(static)
         for (long k = 0; k < lf_panels(s->out); k++) {
             const long j = k * LF_PANEL;
-            const part t = {s, x, dy, dw, db, j, lf_panel_width(s->out, j)};
+            part t = {s, x, dy, dw, db, j, lf_panel_width(s->out, j), NULL, NULL};
+            if (in_parts(s))
+                use_parts(&t, scratch);
             add_images(&t, &g);
         }
         return;
     }
-    const part all = {s, x, dy, dw, db, 0, s->out};
+    const part all = {s, x, dy, dw, db, 0, s->out, NULL, NULL};
 #pragma omp parallel for schedule(static)
     for (long l = 0; l < lanes; l++)
         sum_lane(&all, &g, l, lanes, filter + s->out, scratch);

@@ -68,8 +68,10 @@ typedef struct lf_conv {
  */
 lf_conv lf_conv_shape(long images, long height, long width, long in, long out, long size,
                       long stride, long pad);
-/* Numbers of scratch that any of the three functions needs at most; at least 1. */
+/* Numbers of scratch that any of the three functions needs at most, at least 1, with as many
+ * threads as there are now; and that the last one does, with any number. */
 long lf_conv_scratch(const lf_conv *s);
+long lf_conv_dw_scratch(const lf_conv *s);
 
 /* y[n, i, j, o] = act(b[o] + sum_{p, q, c} x[n, i stride + p - pad, j stride + q - pad, c]
  * w[p, q, c, o]), zero outside the image. b[out] may be NULL. */

@@ -76,10 +76,13 @@ void lf_column_sums(long rows, long width, const lf_real *y, long step, lf_real 
     for (long j = 0; j < width; j += LF_LANES) {
         const long n = width - j < LF_LANES ? width - j : LF_LANES;
         lf_vec part[4] = {{0}, {0}, {0}, {0}};
-        for (long r = 0; r < rows; r++) {
-            const lf_real *from = y + r * step + j;
-            part[r & 3] += n == LF_LANES ? lf_vec_load(from) : lf_vec_load_part(from, n);
-        }
+        const lf_real *from = y + j;
+        long r = 0;
+        for (; n == LF_LANES && r + 4 <= rows; r += 4, from += 4 * step)
+            _Pragma("GCC unroll 4") for (int k = 0; k < 4; k++) part[k] +=
+                lf_vec_load(from + k * step);
+        for (; r < rows; r++, from += step)
+            part[r & 3] += lf_vec_load_part(from, n);
         const lf_vec all = (part[0] + part[1]) + (part[2] + part[3]);
         for (long i = 0; i < n; i++)
             sum[j + i] += all[i];

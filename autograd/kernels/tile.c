@@ -12,21 +12,21 @@
 
 /* ---- rows of a result ------------------------------------------------------------------------ */
 
-/* `width` numbers at y as vectors; the last may be partial. */
-LF_INLINE void load_row(const int vectors, const lf_real *y, long width, lf_vec *row)
+/* Vectors at y, of which the last has `last` numbers; whole: all of them, known when compiled. */
+LF_INLINE void load_row(const int vectors, const bool whole, const lf_real *y, long last,
+                        lf_vec *row)
 {
-    const long last = width - (vectors - 1) * LF_LANES;
     UNROLL for (int v = 0; v < vectors - 1; v++) row[v] = lf_vec_load(y + v * LF_LANES);
     y += (vectors - 1) * LF_LANES;
-    row[vectors - 1] = last == LF_LANES ? lf_vec_load(y) : lf_vec_load_part(y, last);
+    row[vectors - 1] = whole ? lf_vec_load(y) : lf_vec_load_part(y, last);
 }
 
-LF_INLINE void store_row(const int vectors, lf_real *y, long width, const lf_vec *row)
+LF_INLINE void store_row(const int vectors, const bool whole, lf_real *y, long last,
+                         const lf_vec *row)
 {
-    const long last = width - (vectors - 1) * LF_LANES;
     UNROLL for (int v = 0; v < vectors - 1; v++) lf_vec_store(y + v * LF_LANES, row[v]);
     y += (vectors - 1) * LF_LANES;
-    if (last == LF_LANES)
+    if (whole)
         lf_vec_store(y, row[vectors - 1]);
     else
         lf_vec_store_part(y, last, row[vectors - 1]);
@@ -101,9 +101,31 @@ typedef struct places {
     long x_step, y_step;
 } places;
 
-LF_INLINE lf_real *result_row(const bool even, const lf_product *p, const places *at, int r)
+typedef lf_vec sums[LF_TILE][3];
+
+LF_INLINE lf_real *result_row(const bool even, const places *at, long column, int r)
 {
-    return (even ? at->y0 + r * at->y_step : at->y[r]) + p->column;
+    return (even ? at->y0 + r * at->y_step : at->y[r]) + column;
+}
+
+/* The results of a tile from its sums. */
+LF_INLINE void finish(const int rows, const int vectors, const bool even, const bool whole,
+                      const lf_product *p, const places *at, sums sum)
+{
+    const long last = p->width - (vectors - 1) * LF_LANES, column = p->column;
+    const bool relu = p->act == LF_RELU;
+    if (!p->start)
+        UNROLL for (int r = 0; r < rows; r++)
+        {
+            lf_vec old[3];
+            load_row(vectors, whole, result_row(even, at, column, r), last, old);
+            UNROLL for (int v = 0; v < vectors; v++) sum[r][v] += old[v];
+        }
+    if (relu)
+        UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
+            lf_vec_relu(sum[r][v]);
+    UNROLL for (int r = 0; r < rows; r++)
+        store_row(vectors, whole, result_row(even, at, column, r), last, sum[r]);
 }
 
 /* x in all lanes of a register: the compiler would rather load it again for every use. */
@@ -131,7 +153,7 @@ LF_INLINE lf_vec broadcast(lf_real x)
 LF_INLINE void product(const int rows, const int vectors, const int share, const bool even,
                        const lf_product *p, const places *at)
 {
-    lf_vec sum[LF_TILE][3];
+    sums sum;
     const lf_real *from[LF_TILE];
     const lf_real *b = p->panel;
     UNROLL for (int r = 0; r < rows; r++) from[r] = even ? at->x0 + r * at->x_step : at->x[r];
@@ -148,18 +170,13 @@ LF_INLINE void product(const int rows, const int vectors, const int share, const
         UNROLL for (int r = 0; r < rows; r++) from[r] += p->window.step;
     }
     part_rows(rows, vectors, share, sum);
-    if (!p->start)
-        UNROLL for (int r = 0; r < rows; r++)
-        {
-            lf_vec old[3];
-            load_row(vectors, result_row(even, p, at, r), p->width, old);
-            UNROLL for (int v = 0; v < vectors; v++) sum[r][v] += old[v];
-        }
-    if (p->act == LF_RELU)
-        UNROLL for (int r = 0; r < rows; r++) UNROLL for (int v = 0; v < vectors; v++) sum[r][v] =
-            lf_vec_relu(sum[r][v]);
-    UNROLL for (int r = 0; r < rows; r++)
-        store_row(vectors, result_row(even, p, at, r), p->width, sum[r]);
+    /* copies, which stores to results do not change */
+    const lf_product own = *p;
+    const places there = *at;
+    if (own.width == vectors * LF_LANES)
+        finish(rows, vectors, even, true, &own, &there, sum);
+    else
+        finish(rows, vectors, even, false, &own, &there, sum);
 }
 
 /* ---- outer ----------------------------------------------------------------------------------- */
@@ -167,9 +184,12 @@ LF_INLINE void product(const int rows, const int vectors, const int share, const
 LF_INLINE void outer(const int rows, const int vectors, const int share, const lf_pixels *g,
                      long width, const lf_real *x, const lf_real *y, lf_real *w, long w_step)
 {
-    lf_vec sum[LF_TILE][3];
-    UNROLL for (int i = 0; i < rows; i++) load_row(vectors, w + i * w_step, width, sum[i]);
-    share_rows(rows, vectors, share, sum);
+    const long last = width - (vectors - 1) * LF_LANES;
+    sums sum;
+    UNROLL for (int i = 0; i < rows; i++) UNROLL for (int v = 0; v < vectors; v++) sum[i][v] =
+        (lf_vec){0};
+    UNROLL for (int i = 0; i < rows; i++) UNROLL for (int v = 0; v < vectors; v++)
+        __builtin_prefetch(w + i * w_step + v * LF_LANES, 1);
     for (long l = 0, n = 0; n < g->images; l + 1 < g->lines ? l++ : (l = 0, n++)) {
         const lf_real *xp = x + n * g->x_image + l * g->x_line;
         const lf_real *yp = y + n * g->y_image + l * g->y_line;
@@ -181,7 +201,20 @@ LF_INLINE void outer(const int rows, const int vectors, const int share, const l
         }
     }
     part_rows(rows, vectors, share, sum);
-    UNROLL for (int i = 0; i < rows; i++) store_row(vectors, w + i * w_step, width, sum[i]);
+    /* All of it at once: each term would be rounded to what w has already. A row that ends within a
+     * vector is stored after the next one is loaded, which would wait for it. */
+    const bool whole = last == LF_LANES;
+    UNROLL for (int i = 0; i < rows; i++)
+    {
+        lf_vec old[3];
+        load_row(vectors, false, w + i * w_step, last, old);
+        UNROLL for (int v = 0; v < vectors; v++) sum[i][v] += old[v];
+        if (whole)
+            store_row(vectors, true, w + i * w_step, last, sum[i]);
+    }
+    if (!whole)
+        UNROLL for (int i = 0; i < rows; i++)
+            store_row(vectors, false, w + i * w_step, last, sum[i]);
 }
 
 /* ---- one function a size --------------------------------------------------------------------- */

@@ -7,7 +7,8 @@
  *   outer     w[i, :]  += sum_p x_p[i] y_p[:]            pixels p on a regular grid
  *
  * Every element's sum runs over k (or p) in order, whatever the tile's size: how a result is cut
- * into tiles changes no bit of it.
+ * into tiles changes no bit of it. What is in memory is added to it once, at the end, so that a sum
+ * of many blocks is rounded to its own size once a block and not once a term.
  *
  * The columns of a result are cut into panels of two vectors; the last panel has what remains, up
  * to three vectors, so that a few columns too many do not cost a pass of their own.
