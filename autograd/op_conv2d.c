@@ -20,15 +20,14 @@ typedef struct kept {
     lf_activation act;
 } kept;
 
-/* The gradient behind the activation, in fresh memory. */
-static const lf_real *behind(lf_tape *tape, const lf_tensor *y, lf_activation act)
+/* The gradient behind the activation, in the place of that of y, which nobody reads after this. */
+static const lf_real *behind(const lf_tensor *y, lf_activation act)
 {
     const long images = y->dim[0], n = y->size / (images ? images : 1);
-    lf_real *g = lf_alloc_reals(tape, y->size);
 #pragma omp parallel for schedule(static)
     for (long i = 0; i < images; i++)
-        lf_kernel_activation_dz(n, act, y->value + i * n, y->grad + i * n, g + i * n);
-    return g;
+        lf_kernel_activation_dz(n, act, y->value + i * n, y->grad + i * n, y->grad + i * n);
+    return y->grad;
 }
 
 static void backward(const lf_node *node)
@@ -36,7 +35,7 @@ static void backward(const lf_node *node)
     const kept *k = node->saved;
     const lf_tensor *y = node->out[0];
     lf_tensor *x = node->in[0], *w = node->in[1], *b = node->in[2];
-    const lf_real *g = k->act == LF_IDENTITY ? y->grad : behind(node->tape, y, k->act);
+    const lf_real *g = k->act == LF_IDENTITY ? y->grad : behind(y, k->act);
     lf_real *scratch = lf_alloc_reals(node->tape, lf_conv_scratch(&k->shape));
     if (w->grad)
         lf_kernel_conv_dw(&k->shape, x->value, g, w->grad, b ? b->grad : NULL, scratch);

@@ -6,7 +6,11 @@
  *
  * reshape and rows_view copy nothing: value and grad are the same memory, so there is no backward.
  */
+#include <omp.h>
+
 #include "autograd/ops.h"
+
+enum { PARALLEL = 32768 }; /* numbers that pay for waking the threads */
 
 static void concat_backward(const lf_node *node)
 {
@@ -16,7 +20,8 @@ static void concat_backward(const lf_node *node)
     for (int k = 0; k < node->n_in; k++) {
         lf_tensor *x = node->in[k];
         const long n = lf_cols(x);
-        for (long r = 0; x->grad && r < rows; r++)
+#pragma omp parallel for schedule(static) if (x->size > PARALLEL && !omp_in_parallel())
+        for (long r = 0; r < (x->grad ? rows : 0); r++)
             for (long i = 0; i < n; i++)
                 x->grad[r * n + i] += y->grad[r * cols + at + i];
         at += n;
@@ -35,8 +40,9 @@ lf_tensor *lf_concat(lf_tape *tape, int count, lf_tensor *const *parts)
     }
     lf_tensor *y = lf_tensor_cols(tape, parts[0], cols);
     for (int k = 0; k < count; k++) {
-        const long n = lf_cols(parts[k]);
-        for (long r = 0; r < lf_rows(y); r++)
+        const long n = lf_cols(parts[k]), rows = lf_rows(y);
+#pragma omp parallel for schedule(static) if (rows * n > PARALLEL && !omp_in_parallel())
+        for (long r = 0; r < rows; r++)
             memcpy(y->value + r * cols + at, parts[k]->value + r * n, (size_t)n * sizeof(lf_real));
         at += n;
     }

@@ -1,271 +1,319 @@
-/* along_ray_kernels.h: the sums of attention along the ray over keys, Gaussians and the numbers of
- * a head, for one query; formulas in along_ray_attention.c, which alone includes this.
+/* along_ray_kernels.h: the products of attention along the ray, for all queries and keys of one ray
+ * and one head; formulas in along_ray_attention.c, which alone includes this.
  *
- * Two layouts. Keys side by side, [blocks of keys, numbers, LF_BLOCK_POINTS], for products and
- * expand; the 16 Gaussians side by side for collect, where a vector holds one z of all b. The
- * numbers of a row are ordered by heads: [H, P, C / H].
+ * Numbers of a ray stand in the order of heads, [H, P, C / H], all samples of a number side by
+ * side: [n, keys], keys = samples in whole vectors. What has a factor for each Gaussian has them
+ * side by side, [.., BASIS], or, where the keys are a product's columns, [.., BASIS, keys].
  */
 #ifndef LF_LAYERS_ALONG_RAY_KERNELS_H
 #define LF_LAYERS_ALONG_RAY_KERNELS_H
 
-#include "layers/block_kernels.h"
-#include "layers/light_field.h"
+#include "autograd/kernels/tile.h"
+#include "autograd/kernels/vector_math.h"
+#include "layers/light_blocks.h"
 
-enum {
-    W = LF_BLOCK_POINTS,
-    BASIS = LF_ALONG_BASIS,
-    TERMS = BASIS + 1,      /* with the constant */
-    ROW = BASIS + LF_LANES, /* numbers of a matrix row: BASIS Gaussians, the constant, none */
-    BASIS_VECTORS = BASIS / LF_LANES,
-    COLLECT_TILE = BASIS_VECTORS == 1   ? 16
-                   : BASIS_VECTORS == 2 ? 6
-                   : BASIS_VECTORS <= 6 ? 12 / BASIS_VECTORS
-                                        : 1
-};
-
-/* A number of a row, in the order of heads: the profile's rows of its complex weight, the other
- * part of the pair, and 1 for a real part, -1 for an imaginary one, 0 for a scalar. */
-typedef struct pair_number {
-    long real, imag, other;
-    lf_real sign;
-} pair_number;
+enum { W = LF_BLOCK_POINTS, BASIS = LF_ALONG_BASIS };
 
 typedef struct along {
     lf_light_geometry rays;
-    long planes, c, n, per, size; /* n = planes c; per = c / heads; size = planes per, of a head */
+    bool blocks;          /* fields stand in blocks; else in rows */
+    long planes, c, n;    /* n = planes c */
+    long per, size, keys; /* c / heads; planes per, of a head; samples in whole vectors */
     int heads;
     lf_real scale;
-    long blocks;             /* of keys of one ray */
-    const long *place;       /* [n]: where number i of a row stands in the order of heads */
-    const pair_number *pair; /* [n], in the order of heads */
-    lf_real *weight;         /* [N, S, H, blocks, W] */
-    lf_real *z;              /* [N, S, n, BASIS] */
+    const long *place; /* [n]: where number i of a row stands in the order of heads */
+    lf_real *weight;   /* [N, H, S, keys] */
+    lf_real *z;        /* [N, H, S, size, BASIS], without the factor of the query */
 } along;
 
-/* One ray's keys or values: as rows, and side by side with the gradient. */
-typedef struct keys {
-    lf_real *row;         /* [S, n] */
-    lf_real *wide, *grad; /* [blocks, n, W] */
-    lf_real *profile;     /* [n, BASIS] the weights of the Gaussians */
-    lf_real *dprofile;    /* the same, over all rays */
-} keys;
+/* Profiles of keys or values [n, BASIS], and their gradient. */
+typedef struct profiles {
+    lf_real *w, *dw;
+} profiles;
 
+/* One ray. */
 typedef struct work {
-    keys k, v;
-    lf_real *mask;    /* [blocks, W]: 1 = a key of the ray */
-    lf_real *depth;   /* [blocks, W] */
-    lf_real *phi;     /* [blocks, TERMS, W] */
-    lf_real *phi_row; /* [blocks W, BASIS] */
-    lf_real *pairs;   /* [blocks W, BASIS] of one head: numbers times phi_row */
-    lf_real *matrix;  /* [n, ROW] of a query: q conj(w_b), then q */
-    lf_real *x;       /* [n]: a query's row */
-    lf_real *number;  /* [H, blocks, W] */
-    lf_real *r;       /* [n, BASIS] */
-    lf_real *buffer;  /* [blocks, max(TERMS, size), W] */
+    profiles k, v;
+    lf_real *mask;                /* [keys]: 1 = a key of the ray */
+    lf_real *coarse, *rest;       /* [keys]: their sum is the depth over the Gaussians' spacing */
+    lf_real *near;                /* [S, keys]: exp(-D^2 / 2 s^2) */
+    lf_real *of_key, *of_query;   /* [keys, BASIS] */
+    lf_real *of_keys;             /* [BASIS, keys] */
+    lf_real *q, *kk, *vv, *g;     /* [n, keys] */
+    lf_real *dq, *dk, *dv;        /* [n, keys]; y in dq */
+    lf_real *number, *pair;       /* [S, keys], of one head: logits or da; times near */
+    lf_real *wide;                /* [size, BASIS, keys] keys or values */
+    lf_real *rows, *turned, *sum; /* [keys, size, BASIS]: keys or values, queries, expand's */
 } work;
 
-/* Gaussians of all keys from the depth of one sample, in both layouts. */
-static void load_gaussians(const along *t, const work *w, lf_real depth)
+static const lf_real zeros[LF_LAST_PANEL];
+
+/* ---- the Gaussians -----------------------------------------------------------------------------
+ */
+
+/* Factors of sample j, t = depth / s from the middle of the ray: exp(+-t m - m^2 / 4), where m is
+ * the Gaussian's middle over s. A geometric sequence, in double: 40 bits of exponent would cost
+ * digits in float. */
+static void load_factors(const work *w, long j, double t, const double fade[BASIS])
 {
-    const lf_real spacing = (lf_real)2 / (BASIS - 1);
-    for (long k = 0; k < t->blocks; k++) {
-        lf_real *phi = w->phi + k * TERMS * W;
-        for (int h = 0; h < LF_PARTS; h++) {
-            const lf_vec at = (lf_block_get(w->depth, k, h) - depth + 1) / spacing;
-            for (int b = 0; b < BASIS; b++) {
-                const lf_vec d = at - (lf_real)b;
-                lf_block_set(phi, b, h, lf_vec_exp((lf_real)-0.5 * d * d));
-            }
-            lf_block_set(phi, BASIS, h, lf_vec_all(1));
+    const double step = exp(t);
+    double power = exp(-t * 0.5 * (BASIS - 1));
+    for (int b = 0; b < BASIS; b++, power *= step) {
+        w->of_key[j * BASIS + b] = (lf_real)(fade[b] * power);
+        w->of_query[j * BASIS + BASIS - 1 - b] = (lf_real)(fade[b] * power);
+    }
+}
+
+/* of_keys from of_key. */
+static void turn_factors(const along *t, const work *w)
+{
+    for (long j = 0; j < t->keys; j += LF_LANES)
+        for (int b = 0; b < BASIS; b += LF_LANES) {
+            lf_vec v[LF_LANES];
+            for (int i = 0; i < LF_LANES; i++)
+                v[i] = lf_vec_load(w->of_key + (j + i) * BASIS + b);
+            lf_vec_transpose(v);
+            for (int i = 0; i < LF_LANES; i++)
+                lf_vec_store(w->of_keys + (b + i) * t->keys + j, v[i]);
         }
-        for (long l = 0; l < W; l += LF_LANES)
-            for (int b = 0; b < BASIS; b += LF_LANES) {
-                lf_vec v[LF_LANES];
-                for (int i = 0; i < LF_LANES; i++)
-                    v[i] = lf_vec_load(phi + (b + i) * W + l);
-                lf_vec_transpose(v);
-                for (int i = 0; i < LF_LANES; i++)
-                    lf_vec_store(w->phi_row + (k * W + l + i) * BASIS + b, v[i]);
-            }
-    }
 }
 
-/* x conj(w_b) for all b, and x, to the matrix; x [n] in the order of heads. */
-static void load_matrix(const along *t, const work *w, const lf_real *x, const lf_real *profile)
+/* exp(-D^2 / 2 s^2) of all pairs: D / s = coarse + rest, the square of coarse is exact. */
+static void load_near(const along *t, const work *w)
 {
-    for (long j = 0; j < t->n; j++) {
-        /* real part: x_re w_re + x_im w_im; imaginary part: x_im w_re - x_re w_im */
-        const pair_number *p = t->pair + j;
-        const lf_real *real = profile + p->real * BASIS, *imag = profile + p->imag * BASIS;
-        const lf_real other = p->sign * x[p->other];
-        lf_real *out = w->matrix + j * ROW;
-        for (int b = 0; b < BASIS; b += LF_LANES)
-            lf_vec_store(out + b, x[j] * lf_vec_load(real + b) + other * lf_vec_load(imag + b));
-        out[BASIS] = x[j];
-    }
-}
-
-/* number[h, k] = sum_b phi_b <row b of the matrix, x>_h of all keys. */
-static void products(const along *t, const work *w, const lf_real *x, lf_real *number)
-{
-    for (int head = 0; head < t->heads; head++) {
-        const lf_block_terms terms = {.in = t->size,
-                                      .x = x + head * t->size * W,
-                                      .w = {w->matrix + head * t->size * ROW, ROW, 1},
-                                      .groups = t->blocks,
-                                      .x_step = t->n * W,
-                                      .y_step = TERMS * W};
-        lf_block_product(&terms, TERMS, w->buffer);
-        for (long k = 0; k < t->blocks; k++)
-            for (int h = 0; h < LF_PARTS; h++) {
-                const lf_real *phi = w->phi + k * TERMS * W, *y = w->buffer + k * TERMS * W;
-                lf_vec sum[4] = {lf_block_get(phi, BASIS, h) * lf_block_get(y, BASIS, h)};
-                for (int b = 0; b < BASIS; b += 4)
-                    for (int i = 0; i < 4; i++)
-                        sum[i] += lf_block_get(phi, b + i, h) * lf_block_get(y, b + i, h);
-                lf_block_set(number, head * t->blocks + k, h,
-                             (sum[0] + sum[1]) + (sum[2] + sum[3]));
-            }
-    }
-}
-
-/* x += number[h, k] sum_b phi_b row b of the matrix. */
-static void expand(const along *t, const work *w, const lf_real *number, lf_real *x)
-{
-    for (int head = 0; head < t->heads; head++) {
-        const lf_block_terms terms = {.in = TERMS,
-                                      .x = w->phi,
-                                      .w = {w->matrix + head * t->size * ROW, 1, ROW},
-                                      .groups = t->blocks,
-                                      .x_step = TERMS * W,
-                                      .y_step = t->size * W};
-        lf_block_product(&terms, t->size, w->buffer);
-        for (long k = 0; k < t->blocks; k++)
-            for (int h = 0; h < LF_PARTS; h++) {
-                const lf_vec by = lf_block_get(number, head * t->blocks + k, h);
-                lf_real *out = x + (k * t->n + head * t->size) * W;
-                for (long i = 0; i < t->size; i++)
-                    lf_block_add(out, i, h, by * lf_block_get(w->buffer + k * t->size * W, i, h));
-            }
-    }
-}
-
-/* z [tile numbers, BASIS] = sum over keys of pairs [keys, BASIS] times x [keys, n]. */
-LF_INLINE void collect_tile(const int tile, long count, long n, const lf_real *pairs,
-                            const lf_real *x, lf_real *z)
-{
-    lf_vec sum[COLLECT_TILE][BASIS_VECTORS];
-    for (int i = 0; i < tile; i++)
-        for (int b = 0; b < BASIS_VECTORS; b++)
-            sum[i][b] = (lf_vec){0};
-    for (long j = 0; j < count; j++)
-        for (int i = 0; i < tile; i++) {
-            const lf_vec by = lf_vec_all(x[j * n + i]);
-            for (int b = 0; b < BASIS_VECTORS; b++)
-                sum[i][b] += by * lf_vec_load(pairs + j * BASIS + b * LF_LANES);
+    for (long i = 0; i < t->rays.samples; i++)
+        for (long j = 0; j < t->keys; j += LF_LANES) {
+            const lf_vec d = lf_vec_load(w->coarse + j) - w->coarse[i];
+            const lf_vec e = lf_vec_load(w->rest + j) - w->rest[i];
+            lf_vec_store(w->near + i * t->keys + j, lf_vec_exp((lf_real)-0.5 * d * d) *
+                                                        lf_vec_exp(-e * (d + (lf_real)0.5 * e)));
         }
-    for (int i = 0; i < tile; i++)
-        for (int b = 0; b < BASIS_VECTORS; b++)
-            lf_vec_store(z + i * BASIS + b * LF_LANES, sum[i][b]);
 }
 
-/* The numbers of one head in nearly equal tiles. */
-static void collect_head(const along *t, const work *w, const lf_real *x, lf_real *z)
+/* ---- keys, values, queries with a factor for each Gaussian -------------------------------------
+ */
+
+/* x of one head [size, keys] -> wide. */
+static void load_wide(const along *t, const work *w, const lf_real *x)
 {
-    const long parts = (t->size + COLLECT_TILE - 1) / COLLECT_TILE;
-    for (long p = 0, i = 0; p < parts; p++) {
-        const long size = (t->size - i + parts - p - 1) / (parts - p);
-        switch (size) {
-#define TILE(count)                                                                                \
-    case count:                                                                                    \
-        collect_tile(count, t->rays.samples, t->n, w->pairs, x + i, z + i * BASIS);                \
-        break;
-            TILE(1)
-            TILE(2)
-            TILE(3)
-            TILE(4)
-            TILE(5)
-            TILE(6)
-#if LF_VEC_BYTES == 64 && !defined(LF_DOUBLE)
-            TILE(7)
-            TILE(8)
-            TILE(9)
-            TILE(10)
-            TILE(11)
-            TILE(12)
-            TILE(13)
-            TILE(14)
-            TILE(15)
-            TILE(16)
-#endif
-#undef TILE
+    for (long i = 0; i < t->size; i++)
+        for (long j = 0; j < t->keys; j += LF_LANES) {
+            const lf_vec v = lf_vec_load(x + i * t->keys + j);
+            for (int b = 0; b < BASIS; b++)
+                lf_vec_store(w->wide + (i * BASIS + b) * t->keys + j,
+                             v * lf_vec_load(w->of_keys + b * t->keys + j));
         }
-        i += size;
-    }
 }
 
-/* z_b = sum_j number_j phi_b x_j -> z [n, BASIS]. */
-static void collect(const along *t, const work *w, const lf_real *number, const keys *x, lf_real *z)
+/* x of one head [size, keys] -> rows. */
+static void load_rows(const along *t, const work *w, const lf_real *x)
 {
-    for (int head = 0; head < t->heads; head++) {
-        const lf_real *by = number + head * t->blocks * W;
-        for (long j = 0; j < t->rays.samples; j++)
-            for (int b = 0; b < BASIS; b += LF_LANES)
-                lf_vec_store(w->pairs + j * BASIS + b,
-                             by[j] * lf_vec_load(w->phi_row + j * BASIS + b));
-        collect_head(t, w, x->row + head * t->size, z + head * t->size * BASIS);
-    }
+    for (long j = 0; j < t->rays.samples; j++)
+        for (int b = 0; b < BASIS; b += LF_LANES) {
+            const lf_vec f = lf_vec_load(w->of_key + j * BASIS + b);
+            for (long i = 0; i < t->size; i++)
+                lf_vec_store(w->rows + (j * t->size + i) * BASIS + b, x[i * t->keys + j] * f);
+        }
 }
 
-/* What the constant and the Gaussians give number j, as a vector still to be summed up. */
-static lf_vec join_number(const along *t, const lf_real *by, const keys *x, const lf_real *z,
-                          long j)
+/* x conj(w_b) of one head: x [size, keys], profile [size, BASIS] -> turned. */
+static void load_turned(const along *t, const work *w, const lf_real *x, const lf_real *profile)
 {
-    /* real part: w_re z_re - w_im z_im; imaginary part: w_re z_im + w_im z_re */
-    const pair_number *p = t->pair + j;
-    const lf_real *real = x->profile + p->real * BASIS, *imag = x->profile + p->imag * BASIS;
-    const lf_real *own = z + j * BASIS, *other = z + p->other * BASIS;
-    lf_vec sum = {0}, more = {0};
+    const long keys = t->keys, row = t->size * BASIS;
     for (int b = 0; b < BASIS; b += LF_LANES) {
-        sum += lf_vec_load(real + b) * lf_vec_load(own + b);
-        more -= p->sign * lf_vec_load(imag + b) * lf_vec_load(other + b);
+        const lf_real *f = w->of_query + b;
+        for (long i = 0; i < t->per; i++) {
+            const lf_vec own = lf_vec_load(profile + i * BASIS + b);
+            for (long s = 0; s < t->rays.samples; s++)
+                lf_vec_store(w->turned + s * row + i * BASIS + b,
+                             x[i * keys + s] * own * lf_vec_load(f + s * BASIS));
+        }
+        for (long i = t->per; i < t->size; i += i % t->per == t->per - 1 ? t->per + 1 : 1) {
+            const long o = i + t->per;
+            const lf_vec re = lf_vec_load(profile + i * BASIS + b);
+            const lf_vec im = lf_vec_load(profile + o * BASIS + b);
+            for (long s = 0; s < t->rays.samples; s++) {
+                const lf_vec by = lf_vec_load(f + s * BASIS);
+                const lf_real u = x[i * keys + s], v = x[o * keys + s];
+                lf_real *out = w->turned + s * row + b;
+                lf_vec_store(out + i * BASIS, by * (u * re + v * im));
+                lf_vec_store(out + o * BASIS, by * (v * re - u * im));
+            }
+        }
     }
-    for (long k = 0; k < t->blocks; k++)
-        for (int h = 0; h < LF_PARTS; h++)
-            sum += lf_block_get(by, k, h) * lf_block_get(x->wide, k * t->n + j, h);
+}
+
+/* dw_b += x conj(z_b) of one head: x [size, keys], z [S, size, BASIS], dw [size, BASIS]. */
+static void add_profile(const along *t, const work *w, const lf_real *x, const lf_real *z,
+                        lf_real *dw)
+{
+    const long keys = t->keys, row = t->size * BASIS;
+    for (int b = 0; b < BASIS; b += LF_LANES) {
+        const lf_real *f = w->of_query + b;
+        for (long i = 0; i < t->per; i++) {
+            lf_vec sum = lf_vec_load(dw + i * BASIS + b);
+            for (long s = 0; s < t->rays.samples; s++)
+                sum += lf_vec_load(f + s * BASIS) * x[i * keys + s] *
+                       lf_vec_load(z + s * row + i * BASIS + b);
+            lf_vec_store(dw + i * BASIS + b, sum);
+        }
+        for (long i = t->per; i < t->size; i += i % t->per == t->per - 1 ? t->per + 1 : 1) {
+            const long o = i + t->per;
+            lf_vec re = lf_vec_load(dw + i * BASIS + b), im = lf_vec_load(dw + o * BASIS + b);
+            for (long s = 0; s < t->rays.samples; s++) {
+                const lf_vec by = lf_vec_load(f + s * BASIS);
+                const lf_vec u = by * x[i * keys + s], v = by * x[o * keys + s];
+                const lf_vec zr = lf_vec_load(z + s * row + i * BASIS + b);
+                const lf_vec zi = lf_vec_load(z + s * row + o * BASIS + b);
+                re += u * zr + v * zi;
+                im += v * zr - u * zi;
+            }
+            lf_vec_store(dw + i * BASIS + b, re);
+            lf_vec_store(dw + o * BASIS + b, im);
+        }
+    }
+}
+
+/* ---- products of all samples with all samples --------------------------------------------------
+ */
+
+/* pair = number * near. */
+static void load_pair(const along *t, const work *w, const lf_real *number)
+{
+    for (long i = 0; i < t->rays.samples * t->keys; i += LF_LANES)
+        lf_vec_store(w->pair + i, lf_vec_load(number + i) * lf_vec_load(w->near + i));
+}
+
+/* number_ij = near_ij <turned_i, wide_j> + <x_i, y_j>: x, y [size, keys] of one head; what stands
+ * behind the samples only has its factor. */
+static void products(const along *t, const work *w, const lf_real *x, const lf_real *y,
+                     lf_real *number)
+{
+    const long s = t->rays.samples, keys = t->keys, row = t->size * BASIS;
+    const lf_pixels constant = {1, 1, t->size, 0, 0, keys, 0, 0, keys};
+    for (long j = 0, width; j < s; j += width) {
+        width = lf_panel_width(s, j);
+        const lf_product p = {.window = {1, row, 0},
+                              .panel = w->wide + j,
+                              .panel_step = keys,
+                              .column = j,
+                              .width = width,
+                              .start = zeros,
+                              .act = LF_IDENTITY};
+        lf_tile_product_even(&p, s, w->turned, row, number, keys);
+    }
+    for (long i = 0; i < s * keys; i += LF_LANES)
+        lf_vec_store(number + i, lf_vec_load(number + i) * lf_vec_load(w->near + i));
+    for (long j = 0, width; j < s; j += width) {
+        width = lf_panel_width(s, j);
+        lf_tile_outer(&constant, s, width, x, y + j, number + j, keys);
+    }
+}
+
+/* z_i = sum_j pair_ij rows_j: z [S, size, BASIS]. */
+static void collect(const along *t, const work *w, lf_real *z)
+{
+    const long s = t->rays.samples, row = t->size * BASIS;
+    for (long j = 0, width; j < row; j += width) {
+        width = lf_panel_width(row, j);
+        const lf_product p = {.window = {1, s, 0},
+                              .panel = w->rows + j,
+                              .panel_step = row,
+                              .column = j,
+                              .width = width,
+                              .start = zeros,
+                              .act = LF_IDENTITY};
+        lf_tile_product_even(&p, s, w->pair, t->keys, z, row);
+    }
+}
+
+/* x_j = sum_i number_ij y_i + sum_b of_key_jb sum_i pair_ij turned_ib: x, y [size, keys]. */
+static void expand(const along *t, const work *w, const lf_real *number, const lf_real *y,
+                   lf_real *x)
+{
+    const long s = t->rays.samples, keys = t->keys, row = t->size * BASIS;
+    const lf_pixels queries = {1, 1, s, 0, 0, keys, 0, 0, row};
+    memset(w->sum, 0, (size_t)(keys * row) * sizeof *w->sum);
+    for (long j = 0, width; j < row; j += width) {
+        width = lf_panel_width(row, j);
+        lf_tile_outer(&queries, s, width, w->pair, w->turned + j, w->sum + j, row);
+    }
+    for (long i = 0; i < t->size; i++)
+        for (long j = 0; j < keys; j += LF_LANES) {
+            lf_vec v[LF_LANES];
+            for (long l = 0; l < LF_LANES; l++) {
+                v[l] = (lf_vec){0};
+                for (int b = 0; b < BASIS; b += LF_LANES)
+                    v[l] += lf_vec_load(w->of_key + (j + l) * BASIS + b) *
+                            lf_vec_load(w->sum + (j + l) * row + i * BASIS + b);
+            }
+            lf_vec_store(x + i * keys + j, lf_vec_fold(v));
+        }
+    for (long j = 0, width; j < s; j += width) {
+        width = lf_panel_width(s, j);
+        const lf_product p = {.window = {1, s, 0},
+                              .panel = number + j,
+                              .panel_step = keys,
+                              .column = j,
+                              .width = width,
+                              .act = LF_IDENTITY};
+        lf_tile_product_even(&p, t->size, y, keys, x, keys);
+    }
+}
+
+/* What query s adds to number i of y, as a vector still to be summed up: the keys' x [keys] times
+ * `by` [keys], and re z_own + sign im z_other over the Gaussians. */
+LF_INLINE lf_vec join_number(const long keys, const lf_real *by, const lf_real *x, const lf_real *f,
+                             const lf_real *re, const lf_real *im, lf_real sign, const lf_real *own,
+                             const lf_real *other)
+{
+    lf_vec sum = {0}, more = {0};
+    for (long j = 0; j < keys; j += LF_LANES)
+        sum += lf_vec_load(by + j) * lf_vec_load(x + j);
+    for (int b = 0; b < BASIS; b += LF_LANES)
+        more += lf_vec_load(f + b) * (lf_vec_load(re + b) * lf_vec_load(own + b) +
+                                      sign * lf_vec_load(im + b) * lf_vec_load(other + b));
     return sum + more;
 }
 
-/* y [n] = sum_j number_j x_j + sum_b w_b z_b. */
-static void join(const along *t, const lf_real *number, const keys *x, const lf_real *z, lf_real *y)
+LF_INLINE void join_keys(const long keys, const along *t, const work *w, const lf_real *number,
+                         const lf_real *x, const lf_real *weight, const lf_real *z, lf_real *y)
 {
-    for (int head = 0; head < t->heads; head++) {
-        const lf_real *by = number + head * t->blocks * W;
-        const long last = (head + 1) * t->size;
-        for (long j = head * t->size; j < last; j += 4) {
-            lf_vec four[4] = {{0}};
-            lf_real total[4];
-            for (long i = 0; i < 4 && j + i < last; i++)
-                four[i] = join_number(t, by, x, z, j + i);
-            lf_vec_totals(four, total);
-            for (long i = 0; i < 4 && j + i < last; i++)
-                y[j + i] = total[i];
+    const long row = t->size * BASIS, last = t->rays.samples - 1;
+    for (long i = 0; i < t->size; i++) {
+        /* real part: w_re z_re - w_im z_im; imaginary part: w_re z_im + w_im z_re */
+        const long plane = i / t->per;
+        const long other = plane == 0 ? i : plane % 2 ? i + t->per : i - t->per;
+        const lf_real sign = plane == 0 ? 0 : plane % 2 ? -1 : 1;
+        const lf_real *re = weight + (plane && plane % 2 == 0 ? other : i) * BASIS;
+        const lf_real *im = weight + (plane && plane % 2 == 0 ? i : other) * BASIS;
+        for (long j = 0; j < keys; j += LF_LANES) {
+            lf_vec v[LF_LANES];
+#pragma GCC unroll 16
+            for (long l = 0; l < LF_LANES; l++) {
+                const long s = j + l < last ? j + l : last; /* what lies behind is not read */
+                v[l] =
+                    join_number(keys, number + s * keys, x + i * keys, w->of_query + s * BASIS, re,
+                                im, sign, z + s * row + i * BASIS, z + s * row + other * BASIS);
+            }
+            lf_vec_store(y + i * keys + j, lf_vec_fold(v));
         }
     }
 }
 
-/* dw_b += x conj(z_b): x [n], z [n, BASIS]. */
-static void add_profile(const along *t, const lf_real *x, const lf_real *z, lf_real *dw)
+/* y_i = sum_j number_ij x_j + sum_b w_b z_ib: x, y [size, keys], z [S, size, BASIS] of one head. */
+static void join(const along *t, const work *w, const lf_real *number, const lf_real *x,
+                 const lf_real *weight, const lf_real *z, lf_real *y)
 {
-    for (long j = 0; j < t->n; j++) {
-        /* real: x_re z_re + x_im z_im; imaginary: x_im z_re - x_re z_im */
-        const pair_number *p = t->pair + j;
-        const lf_real own = p->sign < 0 ? -x[p->other] : x[j];
-        const lf_real cross = p->sign > 0 ? x[p->other] : p->sign < 0 ? x[j] : 0;
-        for (int b = 0; b < BASIS; b += LF_LANES)
-            lf_vec_store(dw + j * BASIS + b, lf_vec_load(dw + j * BASIS + b) +
-                                                 own * lf_vec_load(z + j * BASIS + b) +
-                                                 cross * lf_vec_load(z + p->other * BASIS + b));
+    switch (t->keys / LF_LANES) {
+    case 2:
+        join_keys(2 * LF_LANES, t, w, number, x, weight, z, y);
+        break;
+    case 3:
+        join_keys(3 * LF_LANES, t, w, number, x, weight, z, y);
+        break;
+    default:
+        join_keys(t->keys, t, w, number, x, weight, z, y);
     }
 }
 

@@ -218,12 +218,10 @@ lf_attended lf_blocks_cross(lf_tape *tape, const lf_blocks *blocks,
 lf_tensor *lf_blocks_along(lf_tape *tape, const lf_blocks *blocks, const lf_along_ray_layer *layer,
                            lf_tensor *x)
 {
-    const lf_so2_map *const map[] = {&layer->query, &layer->key, &layer->value};
-    lf_tensor *row[3];
-    for (int i = 0; i < 3; i++)
-        row[i] = lf_blocks_rows(tape, blocks, lf_blocks_map(tape, &blocks->types, map[i], x));
-    lf_tensor *y =
-        lf_along_ray_attention(tape, row[0], row[1], row[2], lf_param(tape, layer->profile[0]),
-                               lf_param(tape, layer->profile[1]), blocks->rays, layer->heads);
-    return lf_blocks_map(tape, &blocks->types, &layer->join, lf_blocks_of_points(tape, blocks, y));
+    const lf_types *types = &blocks->types;
+    lf_tensor *y = lf_blocks_along_attention(
+        tape, blocks, lf_blocks_map(tape, types, &layer->query, x),
+        lf_blocks_map(tape, types, &layer->key, x), lf_blocks_map(tape, types, &layer->value, x),
+        lf_param(tape, layer->profile[0]), lf_param(tape, layer->profile[1]), layer->heads);
+    return lf_blocks_map(tape, types, &layer->join, y);
 }

@@ -341,16 +341,35 @@ LF_INLINE void lf_block_rows_outer(const int vectors, long groups, long in, cons
                                    long x_step, const lf_real *rows, long step, long width,
                                    long out, lf_real *dw)
 {
-    long i = 0;
-    for (; i + LF_OUTER_TILE <= in; i += LF_OUTER_TILE)
-        lf_block_rows_tile(LF_OUTER_TILE, vectors, groups, x + i * LF_BLOCK_POINTS, x_step, rows,
-                           step, width, out, dw + i * out);
-    for (; i + 4 <= in; i += 4) /* never with a tile of 3 */
-        lf_block_rows_tile(LF_OUTER_TILE > 4 ? 4 : LF_OUTER_TILE, vectors, groups,
-                           x + i * LF_BLOCK_POINTS, x_step, rows, step, width, out, dw + i * out);
-    for (; i < in; i++)
-        lf_block_rows_tile(1, vectors, groups, x + i * LF_BLOCK_POINTS, x_step, rows, step, width,
-                           out, dw + i * out);
+    const long parts = (in + LF_OUTER_TILE - 1) / LF_OUTER_TILE;
+    for (long p = 0, i = 0; p < parts; p++) { /* nearly equal tiles: few sums wait for each other */
+        const long size = (in - i + parts - p - 1) / (parts - p);
+        switch (size) {
+#define TILE(n)                                                                                    \
+    case n:                                                                                        \
+        lf_block_rows_tile(n, vectors, groups, x + i * LF_BLOCK_POINTS, x_step, rows, step, width, \
+                           out, dw + i * out);                                                     \
+        break;
+            TILE(1)
+            TILE(2)
+            TILE(3)
+#if LF_VEC_BYTES >= 32
+            TILE(4)
+            TILE(5)
+            TILE(6)
+#endif
+#if LF_VEC_BYTES >= 64
+            TILE(7)
+            TILE(8)
+            TILE(9)
+            TILE(10)
+            TILE(11)
+            TILE(12)
+#endif
+#undef TILE
+        }
+        i += size;
+    }
 }
 
 /* dw [in, out] += sum over groups and points of x_g[i] y_g[o]. */

@@ -96,23 +96,50 @@ static long row_of(const rows *t, long b, long g, long lane)
     return t->blocks.mask[g * W + lane] > 0 ? p * t->blocks.rays->views + t->blocks.view[g] : -1;
 }
 
+/* `count` adjacent numbers of the rows at `row` (-1: none) -> the same of LF_LANES points. */
+static void rows_to_block(const long *row, long n, long count, const lf_real *x, lf_real *y)
+{
+    lf_vec v[LF_LANES];
+    for (int l = 0; l < LF_LANES; l++)
+        v[l] = row[l] >= 0 ? lf_vec_load_part(x + row[l] * n, count) : (lf_vec){0};
+    lf_vec_transpose(v);
+    for (long i = 0; i < count; i++)
+        lf_vec_store(y + i * W, v[i]);
+}
+
+/* And back, adding. */
+static void block_to_rows(const long *row, long n, long count, lf_real *x, const lf_real *y)
+{
+    lf_vec v[LF_LANES];
+    for (long i = 0; i < LF_LANES; i++)
+        v[i] = i < count ? lf_vec_load(y + i * W) : (lf_vec){0};
+    lf_vec_transpose(v);
+    for (int l = 0; l < LF_LANES; l++)
+        if (row[l] >= 0)
+            lf_vec_store_part(x + row[l] * n, count,
+                              lf_vec_load_part(x + row[l] * n, count) + v[l]);
+}
+
 /* x [rows, n] -> y [.., n, W], or with `back` y -> x, adding. */
 static void move(const rows *t, long n, lf_real *x, lf_real *y, bool back)
 {
     for (long b = 0; b < t->blocks.blocks; b++) {
         const long first = t->views ? t->blocks.first[b] : b;
         const long last = t->views ? t->blocks.first[b + 1] : b + 1;
-        for (long g = first; g < last; g++)
-            for (long l = 0; l < W; l++) {
-                const long r = row_of(t, b, g, l);
-                lf_real *to = y + g * n * W + l, *from = x + r * n;
-                if (back && r >= 0)
-                    for (long i = 0; i < n; i++)
-                        from[i] += to[i * W];
-                else if (!back)
-                    for (long i = 0; i < n; i++)
-                        to[i * W] = r >= 0 ? from[i] : 0;
-            }
+        for (long g = first; g < last; g++) {
+            long row[W];
+            for (long l = 0; l < W; l++)
+                row[l] = row_of(t, b, g, l);
+            for (long l = 0; l < W; l += LF_LANES)
+                for (long i = 0; i < n; i += LF_LANES) {
+                    const long count = n - i < LF_LANES ? n - i : LF_LANES;
+                    lf_real *block = y + (g * n + i) * W + l;
+                    if (back)
+                        block_to_rows(row + l, n, count, x + i, block);
+                    else
+                        rows_to_block(row + l, n, count, x + i, block);
+                }
+        }
     }
 }
 

@@ -74,7 +74,7 @@ static void ray_views(const lf_types *types, const lf_light_rays *in, long ray, 
  */
 static bool view_angle(double ahead, double offset, double least, lf_real *out)
 {
-    const double h = hypot(ahead, offset);
+    const double h = sqrt(ahead * ahead + offset * offset);
     const bool apart = h > least;
     const double cosine = apart ? ahead / h : 1, sine = apart ? offset / h : 0;
     const double versine = cosine > 0 ? sine * sine / (1 + cosine) : 1 - cosine;

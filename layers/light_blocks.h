@@ -59,6 +59,11 @@ lf_tensor *lf_blocks_gated(lf_tape *tape, const lf_types *types, lf_tensor *x, l
 lf_attended lf_blocks_attention(lf_tape *tape, const lf_blocks *blocks, lf_tensor *q, lf_tensor *k,
                                 lf_tensor *value, int heads);
 
+/* lf_along_ray_attention of points. */
+lf_tensor *lf_blocks_along_attention(lf_tape *tape, const lf_blocks *blocks, lf_tensor *q,
+                                     lf_tensor *k, lf_tensor *value, lf_tensor *key_profile,
+                                     lf_tensor *value_profile, int heads);
+
 /* Whole layers: f of views [G, 1, F, W]. */
 lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
                                  const lf_ray_ray_convolution *layer, lf_tensor *f, bool mean);

@@ -334,6 +334,8 @@ static void run_lane(const step *s, lf_tape *tape, int number)
     }
 }
 
+enum { PIECE = 1024 }; /* numbers of all lanes that are added at a time */
+
 /* Lanes in their order, into the store and into the gradients of the maps. */
 static double reduce_lanes(const lf_render_work *w)
 {
@@ -346,10 +348,14 @@ static double reduce_lanes(const lf_render_work *w)
     }
     for (long b = 0, at = 0; b < w->batches; at += w->map[b++]->size) {
         lf_real *g = lf_grad(w->features, w->map[b]);
+        const long size = w->map[b]->size;
 #pragma omp parallel for schedule(static)
-        for (long i = 0; i < w->map[b]->size; i++)
+        for (long first = 0; first < size; first += PIECE) {
+            const long end = first + PIECE < size ? first + PIECE : size;
             for (int l = 0; l < LF_RENDER_LANES; l++)
-                g[i] += w->lane[l].maps[at + i];
+                for (long i = first; i < end; i++)
+                    g[i] += w->lane[l].maps[at + i];
+        }
     }
     return loss;
 }

@@ -114,8 +114,9 @@ static void check_backward(const linear_arrays *a)
 static void linear_like_reference(void **state)
 {
     (void)state;
-    static const long widths[] = {1, 2, 3, 8, 15, 16, 17, 24, 31, 32, 33, 34, 48, 66, 72, 130};
-    static const long rows[] = {1, 2, 7, 12, 13, 25, 131};
+    static const long widths[] = {1,  2,  3,  8,  15, 16, 17, 20, 21, 24, 31,
+                                  32, 33, 34, 36, 37, 40, 48, 66, 72, 130};
+    static const long rows[] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 25, 131};
     enum { WIDTHS = sizeof widths / sizeof *widths, ROWS = sizeof rows / sizeof *rows };
     for (int i = 0; i < WIDTHS; i++)
         for (int o = 0; o < WIDTHS; o++) {

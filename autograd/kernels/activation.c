@@ -23,25 +23,33 @@ void lf_kernel_activate(long n, lf_activation act, lf_real *y)
                           activate(lf_vec_load_part(y + whole, n - whole), act));
 }
 
-void lf_kernel_activation_dz(long n, lf_activation act, const lf_real *y, const lf_real *dy,
-                             lf_real *restrict dz)
+LF_INLINE lf_vec behind(lf_vec y, lf_vec dy, lf_activation act)
 {
-    switch (act) {
-    case LF_IDENTITY:
-        for (long i = 0; i < n; i++)
-            dz[i] = dy[i];
-        break;
-    case LF_RELU:
-        for (long i = 0; i < n; i++)
-            dz[i] = y[i] > 0 ? dy[i] : 0;
-        break;
-    case LF_ELU:
-        for (long i = 0; i < n; i++)
-            dz[i] = dy[i] * (y[i] > 0 ? 1 : y[i] + 1);
-        break;
-    case LF_SIGMOID:
-        for (long i = 0; i < n; i++)
-            dz[i] = dy[i] * y[i] * (1 - y[i]);
-        break;
-    }
+    const lf_vec zero = {0};
+    return act == LF_ELU       ? dy * lf_vec_select(y > 0, lf_vec_all(1), y + 1)
+           : act == LF_SIGMOID ? dy * y * (1 - y)
+           : act == LF_RELU    ? lf_vec_select(y > 0, dy, zero)
+                               : dy;
+}
+
+LF_INLINE void all_behind(long n, const lf_activation act, const lf_real *y, const lf_real *dy,
+                          lf_real *dz)
+{
+    const long whole = n / LF_LANES * LF_LANES;
+    for (long i = 0; i < whole; i += LF_LANES)
+        lf_vec_store(dz + i, behind(lf_vec_load(y + i), lf_vec_load(dy + i), act));
+    lf_vec_store_part(dz + whole, n - whole,
+                      behind(lf_vec_load_part(y + whole, n - whole),
+                             lf_vec_load_part(dy + whole, n - whole), act));
+}
+
+void lf_kernel_activation_dz(long n, lf_activation act, const lf_real *y, const lf_real *dy,
+                             lf_real *dz)
+{
+    if (act == LF_ELU)
+        all_behind(n, LF_ELU, y, dy, dz);
+    else if (act == LF_SIGMOID)
+        all_behind(n, LF_SIGMOID, y, dy, dz);
+    else
+        all_behind(n, act, y, dy, dz);
 }

@@ -206,7 +206,7 @@ static void run_blocks(const plan *p, long classes, const class *c, lf_block siz
     long down = (total + size.lines - 1) / size.lines;
     down = (down + threads - 1) / threads * threads;
     size.lines = (total + down - 1) / down;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (lf_panels(p->to.channels) > 1)
     for (long k = 0; k < lf_panels(p->to.channels); k++)
         pack_panel(p, classes, c, k);
 #pragma omp parallel for schedule(static)

@@ -29,7 +29,8 @@ typedef enum lf_activation { LF_IDENTITY, LF_RELU, LF_ELU, LF_SIGMOID } lf_activ
 
 /* y = act(y) [n], in place. */
 void lf_kernel_activate(long n, lf_activation act, lf_real *y);
-/* dz = the gradient behind the activation, from its result y and that result's gradient dy [n]. */
+/* dz = the gradient behind the activation, from its result y and that result's gradient dy [n]; dz
+ * may be dy. */
 void lf_kernel_activation_dz(long n, lf_activation act, const lf_real *y, const lf_real *dy,
                              lf_real *dz);
 static inline bool lf_activation_fused(lf_activation act)
