@@ -286,6 +286,20 @@ static int blocks_along(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf
     return 1;
 }
 
+static int blocks_along_attention(lf_tape *tape, lf_store *store, lf_tensor *const *in,
+                                  lf_tensor **out)
+{
+    (void)store;
+    const lf_light_geometry g = geometry(tape);
+    const lf_blocks k = lf_blocks_make(tape, &g);
+    lf_tensor *x[3];
+    for (int i = 0; i < 3; i++)
+        x[i] = lf_blocks_of_points(tape, &k, in[i]);
+    out[0] = lf_blocks_rows(tape, &k,
+                            lf_blocks_along_attention(tape, &k, x[0], x[1], x[2], in[3], in[4], 2));
+    return 1;
+}
+
 /* Two target and four source rays; the fields at three points of each. */
 static int fourier(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
@@ -392,6 +406,11 @@ const op_case light_field_cases[] = {
     {"blocks: cross attention layer", blocks_cross, {X(N, S, V, F), ROWS}, 2, 0},
     {"blocks: points", blocks_of_points, {ROWS, X(T *C), X(T *C, T *C), X(T *C)}, 4, 0},
     {"blocks: along ray layer", blocks_along, {ROWS}, 1, 0},
+    {"blocks: along ray attention",
+     blocks_along_attention,
+     {ROWS, ROWS, ROWS, PROFILE, PROFILE},
+     5,
+     0},
     {"along_ray: spectrum, inverse, regular",
      fourier,
      {X(2, 1, 4, P *C), X(2, 7, 2 * T * C)},
