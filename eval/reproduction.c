@@ -122,7 +122,10 @@ static void print_pictures(const lf_results *r, const json_t *table, const lf_gr
                       renders ? "true view; each system's, with the frame turned, the change"
                               : "input views, each system's mesh, true mesh",
                       out);
-        print_picture(r, &g[i], curves, "loss of each training against steps and seconds", out);
+        print_picture(r, &g[i], curves,
+                      "loss of each training against steps and seconds; seconds of a "
+                      "machine that may have done other work, too",
+                      out);
     }
 }
 
