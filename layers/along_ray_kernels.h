@@ -184,6 +184,24 @@ static void load_pair(const along *t, const work *w, const lf_real *number)
         lf_vec_store(w->pair + i, lf_vec_load(number + i) * lf_vec_load(w->near + i));
 }
 
+/* y = x m: x [rows, terms] with rows x_step apart, m [terms, columns], y [rows, columns] with rows
+ * `step` apart. */
+static void multiply(const lf_real *x, long x_step, long rows, long terms, const lf_real *m,
+                     long columns, long step, lf_real *y)
+{
+    for (long j = 0, width; j < columns; j += width) {
+        width = lf_panel_width(columns, j);
+        const lf_product p = {.window = {1, terms, 0},
+                              .panel = m + j,
+                              .panel_step = step,
+                              .column = j,
+                              .width = width,
+                              .start = zeros,
+                              .act = LF_IDENTITY};
+        lf_tile_product_even(&p, rows, x, x_step, y, step);
+    }
+}
+
 /* number_ij = near_ij <turned_i, wide_j> + <x_i, y_j>: x, y [size, keys] of one head; what stands
  * behind the samples only has its factor. */
 static void products(const along *t, const work *w, const lf_real *x, const lf_real *y,
@@ -191,17 +209,7 @@ static void products(const along *t, const work *w, const lf_real *x, const lf_r
 {
     const long s = t->rays.samples, keys = t->keys, row = t->size * BASIS;
     const lf_pixels constant = {1, 1, t->size, 0, 0, keys, 0, 0, keys};
-    for (long j = 0, width; j < s; j += width) {
-        width = lf_panel_width(s, j);
-        const lf_product p = {.window = {1, row, 0},
-                              .panel = w->wide + j,
-                              .panel_step = keys,
-                              .column = j,
-                              .width = width,
-                              .start = zeros,
-                              .act = LF_IDENTITY};
-        lf_tile_product_even(&p, s, w->turned, row, number, keys);
-    }
+    multiply(w->turned, row, s, row, w->wide, s, keys, number);
     for (long i = 0; i < s * keys; i += LF_LANES)
         lf_vec_store(number + i, lf_vec_load(number + i) * lf_vec_load(w->near + i));
     for (long j = 0, width; j < s; j += width) {
@@ -214,17 +222,7 @@ static void products(const along *t, const work *w, const lf_real *x, const lf_r
 static void collect(const along *t, const work *w, lf_real *z)
 {
     const long s = t->rays.samples, row = t->size * BASIS;
-    for (long j = 0, width; j < row; j += width) {
-        width = lf_panel_width(row, j);
-        const lf_product p = {.window = {1, s, 0},
-                              .panel = w->rows + j,
-                              .panel_step = row,
-                              .column = j,
-                              .width = width,
-                              .start = zeros,
-                              .act = LF_IDENTITY};
-        lf_tile_product_even(&p, s, w->pair, t->keys, z, row);
-    }
+    multiply(w->pair, t->keys, s, s, w->rows, row, row, z);
 }
 
 /* x_j = sum_i number_ij y_i + sum_b of_key_jb sum_i pair_ij turned_ib: x, y [size, keys]. */

@@ -65,8 +65,8 @@ int lf_backbone_forward(lf_tape *tape, const lf_backbone *backbone, lf_tensor *i
 typedef struct lf_backbone_cost {
     long parameters; /* trainable numbers */
     double macs;     /* multiply-adds of the convolutions of one image, forward */
-    double kept; /* numbers that training keeps of one image: outputs of convolutions */
-    int maps;    /* scalar maps */
+    double kept;     /* numbers that training keeps of one image: outputs of convolutions */
+    int maps;        /* scalar maps */
     long height[LF_BACKBONE_MAPS], width[LF_BACKBONE_MAPS]; /* of each */
 } lf_backbone_cost;
 
