@@ -44,6 +44,10 @@ lf_tensor *lf_field_norm(lf_tape *tape, lf_tensor *x, lf_tensor *gamma, lf_tenso
  * Of equal values the first in row order gets the gradient. x [N, H, W, C], pad < size. */
 lf_tensor *lf_max_pool(lf_tape *tape, lf_tensor *x, long size, long stride, long pad);
 
+/* Each channel smoothed by the 3x3 binomial filter (1 2 1; 2 4 2; 1 2 1) / 16, lines beyond the
+ * border repeating it: what an image needs before a stride of 2. x [N, H, W, C]. */
+lf_tensor *lf_blur(lf_tape *tape, lf_tensor *x);
+
 /* The image with a border that mirrors it at its outermost pixels, which are not repeated: x
  * [N, H, W, C] -> [N, H + 2 pad, W + 2 pad, C]; H and W > pad. */
 lf_tensor *lf_reflect_pad(lf_tape *tape, lf_tensor *x, long pad);

@@ -48,6 +48,7 @@ const lf_key lf_schema[] = {
     CHOICE("model.block", "basic", "basic|bottleneck", "Kind of residual block."),
     CHOICE("model.cutoff", "e2cnn", "e2cnn|redet",
            "Angular frequencies kept in a ring of the kernel basis; redet keeps more."),
+    BOOL("model.antialias", "false", "Smooth pictures and maps before strides and sampling: turned views lose less."),
     CHOICE("model.norm", "batch", "batch|instance", "Normalisation in the backbone, for each field."),
     REAL("model.norm_momentum", "0.02", 0, 1, "Weight of the newest batch in the running statistics."),
     INT("model.features", "8", 1, 256, "Scalar channels taken from the stem's and each stage's map."),

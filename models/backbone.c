@@ -76,12 +76,29 @@ void lf_backbone_free(lf_backbone *backbone)
     *backbone = (lf_backbone){0};
 }
 
+/* What reads x at every other pixel, or between pixels, aliases; so does a filter that was turned
+ * by 45 degrees on the grid. */
+static lf_tensor *smoothed(lf_tape *tape, const lf_backbone_config *c, lf_tensor *x)
+{
+    return c->antialias ? lf_blur(tape, x) : x;
+}
+
+/* The map of a stem or stage, and its own values gone where something else stands for them. */
+static lf_tensor *finished(lf_tape *tape, const lf_backbone_config *c, lf_tensor *x)
+{
+    lf_tensor *map = smoothed(tape, c, x);
+    if (map != x)
+        lf_drop(tape, x);
+    return map;
+}
+
 int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *images, bool training,
                        lf_tensor *maps[LF_BACKBONE_MAPS])
 {
     const lf_backbone_config *c = &backbone->config;
     lf_scope(tape, "stem");
-    lf_tensor *x = lf_unit_forward(tape, &backbone->stem, images, NULL, true, training);
+    lf_tensor *x = smoothed(tape, c, images);
+    x = finished(tape, c, lf_unit_forward(tape, &backbone->stem, x, NULL, true, training));
     maps[0] = x;
     if (c->stem_pool)
         x = lf_max_pool(tape, x, 3, 2, 1);
@@ -95,7 +112,7 @@ int lf_backbone_fields(lf_tape *tape, const lf_backbone *backbone, lf_tensor *im
             if (i > 0)
                 lf_drop(tape, before);
         }
-        maps[s + 1] = x;
+        x = maps[s + 1] = finished(tape, c, x);
         lf_scope_end(tape);
     }
     return c->stages + 1;

@@ -2,7 +2,8 @@
  *
  *   images [N,H,W,C] -> stem (size x size, stride 2, norm, ReLU) -> max-pool 3x3 stride 2, if asked
  *   -> stages of residual blocks, the first of each stage strided -> from the stem's map (if asked)
- *   and each stage's last map one 1x1 layer with bias to `features` scalars.
+ *   and each stage's last map one 1x1 layer with bias to `features` scalars. With `antialias` the
+ *   images and these maps are smoothed (lf_blur) before anything reads them: next stage and layer.
  *
  * With c8 all inner maps are regular fields and the results are scalars: turning the images by 90
  * degrees turns the maps, exactly if H and W are 2^k m + 1, k the number of strides: 65, 129, 225.
@@ -35,6 +36,7 @@ typedef struct lf_backbone_config {
                          */
     double momentum;    /* of the running statistics */
     bool stem_map;      /* also read out the stem's map, after its ReLU */
+    bool antialias;     /* smooth what is strided or sampled next */
 } lf_backbone_config;
 
 typedef struct lf_backbone {
@@ -70,8 +72,8 @@ typedef struct lf_backbone_cost {
     long height[LF_BACKBONE_MAPS], width[LF_BACKBONE_MAPS]; /* of each */
 } lf_backbone_cost;
 
-/* What one image of height x width costs. Norms, ReLU and the expansion of filters (a few per cent)
- * are not counted. */
+/* What one image of height x width costs. Norms, ReLU, smoothing and the expansion of filters (a
+ * few per cent) are not counted. */
 lf_backbone_cost lf_backbone_macs(const lf_backbone *backbone, long height, long width);
 
 #endif

@@ -42,6 +42,7 @@ static lf_backbone_config backbone_config(const lf_config *cfg)
         .instance_norm = lf_config_is(cfg, "model.norm", "instance"),
         .momentum = lf_config_real(cfg, "model.norm_momentum"),
         .stem_map = lf_config_bool(cfg, "model.stem_features"),
+        .antialias = lf_config_bool(cfg, "model.antialias"),
     };
     for (int s = 0; s < stages; s++) {
         b.blocks[s] = (int)blocks[s];

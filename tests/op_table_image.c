@@ -77,6 +77,13 @@ static int max_pool(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_ten
     return 1;
 }
 
+static int blur(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
+{
+    (void)store;
+    out[0] = lf_blur(tape, in[0]);
+    return 1;
+}
+
 static int reflect_pad(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     (void)store;
@@ -208,6 +215,8 @@ const op_case image_cases[] = {
     {"field_norm: running statistics", norm_running, NORM_INPUTS(4, 8, 1), 4, 0},
     {"field_norm: instance", norm_instance, NORM_INPUTS(4, 16, 2), 4, 0},
     {"max_pool: 3x3, stride 2", max_pool, {{4, {2, 5, 7, 3}, FILL_DISTINCT, false}}, 1, 0},
+    {"blur", blur, {{4, {2, 4, 6, 3}, FILL_NORMAL, false}}, 1, 0},
+    {"blur: one line", blur, {{4, {2, 1, 3, 2}, FILL_NORMAL, false}}, 1, 0},
     {"reflect_pad: wide", reflect_pad, {{4, {2, 4, 6, 3}, FILL_NORMAL, false}}, 1, 0},
     {"reflect_pad: smallest", reflect_pad, {{4, {2, 3, 3, 2}, FILL_NORMAL, false}}, 1, 0},
     {"resize: corners aligned", resize_aligned, {{4, {2, 4, 5, 3}, FILL_NORMAL, false}}, 1, 0},

@@ -39,6 +39,12 @@ static lf_backbone_config pooled(void)
                                 .instance_norm = true};
 }
 
+static lf_backbone_config antialiased(lf_backbone_config config)
+{
+    config.antialias = true;
+    return config;
+}
+
 typedef struct net {
     lf_store *store;
     lf_tape *tape;
@@ -121,13 +127,76 @@ static void test_quarter_turns_are_exact_on_odd_sizes(void **state)
 {
     (void)state;
     const long sizes[] = {33, 65};
-    for (int i = 0; i < 4; i++) {
-        net n = open_net(i / 2 ? pooled() : tiny(true));
+    for (int i = 0; i < 8; i++) {
+        const lf_backbone_config config = i / 2 % 2 ? pooled() : tiny(true);
+        net n = open_net(i / 4 ? antialiased(config) : config);
         lf_tape_set_grad(n.tape, false);
         assert_below(turn_defect(&n, sizes[i % 2], true), ROUNDING);
         assert_below(turn_defect(&n, sizes[i % 2], false), ROUNDING);
         close_net(&n);
     }
+}
+
+/* One channel of an image of ten bars, 2 pixels wide, with sharp edges, turned about its middle. */
+static void draw_bars(uint64_t trial, double turn, long size, lf_real *x)
+{
+    enum { BARS = 10, RAYS = 3 };
+    lf_stream s = lf_stream_at(8, LF_RANDOM_TEST, 4, trial);
+    for (int bar = 0; bar < BARS; bar++) {
+        const double angle = 6.283185307179586 * lf_uniform(&s) + turn;
+        const double c = cos(angle), q = sin(angle), away = 40 * lf_uniform(&s) - 20;
+        for (long p = 0; p < size * size * RAYS * RAYS; p++) {
+            const long line = size * RAYS, middle = line / 2,
+                       at = p / line / RAYS * size + p % line / RAYS;
+            const double u = (double)(p % line - middle) / RAYS,
+                         v = (double)(middle - p / line) / RAYS;
+            if (fabs(c * u + q * v - away) < 1 && fabs(c * v - q * u) < 8)
+                x[3 * at] += (lf_real)1 / (RAYS * RAYS);
+        }
+    }
+}
+
+/* How far the scalars at the middle of each map are from those of the image turned by 45 degrees,
+ * against how far they are from those of other images. */
+static double eighth_turn_defect(lf_backbone_config config)
+{
+    enum { IMAGES = 12, SIZE = 65 };
+    net n = open_net(config);
+    lf_tape_set_grad(n.tape, false);
+    lf_tensor *x = lf_tensor_new(n.tape, 4, LF_DIMS(2 * IMAGES, SIZE, SIZE, 3)),
+              *maps[LF_BACKBONE_MAPS];
+    memset(x->value, 0, (size_t)x->size * sizeof(lf_real));
+    for (int i = 0; i < 2 * IMAGES; i++)
+        draw_bars((uint64_t)(i % IMAGES), i / IMAGES * 0.7853981633974483, SIZE,
+                  x->value + i * SIZE * SIZE * 3);
+    const int count = lf_backbone_forward(n.tape, &n.backbone, x, true, maps);
+    double difference = 0, spread = 0;
+    for (int m = 0; m < count; m++) {
+        const long *d = maps[m]->dim, image = d[1] * d[2] * d[3];
+        const lf_real *middle = maps[m]->value + (d[1] / 2 * d[2] + d[2] / 2) * d[3];
+        for (long k = 0; k < IMAGES * d[3]; k++) {
+            const lf_real *a = middle + k / d[3] * image + k % d[3];
+            const double turned = (double)(a[IMAGES * image] - a[0]);
+            const double other =
+                (double)(middle[(k / d[3] + 1) % IMAGES * image + k % d[3]] - a[0]);
+            difference += turned * turned;
+            spread += other * other;
+        }
+    }
+    close_net(&n);
+    return sqrt(difference / spread);
+}
+
+static void test_smoothing_keeps_more_of_eighth_turns(void **state)
+{
+    (void)state;
+    const double aliased = eighth_turn_defect(tiny(true));
+    const double smooth = eighth_turn_defect(antialiased(tiny(true)));
+    const double plain = eighth_turn_defect(antialiased(tiny(false)));
+    print_message("eighth turns: %.3f aliased, %.3f smoothed, %.3f ordinary filters\n", aliased,
+                  smooth, plain);
+    assert_true(smooth < 0.3 * aliased);
+    assert_true(plain > 5 * smooth);
 }
 
 static void test_even_sizes_and_plain_filters_break_turns(void **state)
@@ -233,6 +302,8 @@ static void test_gradient_of_the_whole(void **state)
     check_gradient(tiny(true));
     check_gradient(tiny(false));
     check_gradient(pooled());
+    check_gradient(antialiased(tiny(true)));
+    check_gradient(antialiased(pooled()));
 }
 
 /* Loss, gradients and running statistics on 1 thread and on `threads`: the same bits. */
@@ -260,6 +331,7 @@ static void test_threads_change_no_bit(void **state)
         compare_threads(tiny(true), threads);
         compare_threads(tiny(false), threads);
         compare_threads(pooled(), threads);
+        compare_threads(antialiased(tiny(true)), threads);
     }
 }
 
@@ -267,6 +339,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_quarter_turns_are_exact_on_odd_sizes),
+        cmocka_unit_test(test_smoothing_keeps_more_of_eighth_turns),
         cmocka_unit_test(test_even_sizes_and_plain_filters_break_turns),
         cmocka_unit_test(test_sizes_and_cost),
         cmocka_unit_test(test_gradient_of_the_whole),

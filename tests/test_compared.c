@@ -22,6 +22,7 @@ static const kind kinds[] = {
     /* it is told directions, no places */
     {"ibrnet-sdf", WITH("model.type=ibrnet-sdf"), .rolls = true, .turned = true},
     {"max-pool", WITH("model.fusion=max-pool"), .rolls = true},
+    {"smoothed", WITH("model.antialias=true"), .rolls = true},
     {"scalars", WITH("model.vectors=0"), .rolls = true},
     {"equivariant", WITH("model.type=equivariant"), .rolls = true},
 };

@@ -96,7 +96,7 @@ expect 2 'begun with other keys' reproduce
 ### Counts, lists, refusals
 
 expect 0 'counted' "$script" --size test --only counts --out runs --docs docs
-[ "$(ls docs/reproduction/test-count-*.json | wc -l)" = 15 ] || fail "not every model is counted"
+[ "$(ls docs/reproduction/test-count-*.json | wc -l)" = 16 ] || fail "not every model is counted"
 [ "$("$script" --quick --only table1 --list | wc -l)" = 36 ] || fail "table1 has not 36 trainings"
 [ "$("$script" --only ablation --seeds 2 --list | wc -l)" = 40 ] || fail "the ablation has not 40 trainings with two seeds"
 mkdir -p data/shapes/car data/scenes

@@ -1,0 +1,58 @@
+/* op_blur.c: binomial smoothing of each channel, for maps that are subsampled next. [ops_image.h]
+ *
+ *   forward    y[n,i,j,c] = sum over p, q in -1 .. 1 of b_p b_q x[n, i + p, j + q, c], b = 1/4 1/2
+ * 1/4 backward   the same of dy: lines beyond the border repeat it, which leaves the matrix
+ * symmetric
+ */
+#include "autograd/ops_image.h"
+
+/* y += blurred row i of one image x[height, width, channels]. */
+static void blur_row(const lf_real *x, long height, long width, long channels, long i, lf_real *y)
+{
+    const long line = width * channels;
+    const lf_real *above = x + (i > 0 ? i - 1 : 0) * line, *here = x + i * line;
+    const lf_real *below = x + (i + 1 < height ? i + 1 : i) * line;
+    for (long j = 0; j < width; j++) {
+        const long left = (j > 0 ? j - 1 : 0) * channels, at = j * channels;
+        const long right = (j + 1 < width ? j + 1 : j) * channels;
+        for (long c = 0; c < channels; c++) {
+            const lf_real sides = above[left + c] + 2 * here[left + c] + below[left + c] +
+                                  (above[right + c] + 2 * here[right + c] + below[right + c]);
+            const lf_real middle = above[at + c] + 2 * here[at + c] + below[at + c];
+            y[at + c] += (sides + 2 * middle) * (lf_real)0.0625;
+        }
+    }
+}
+
+/* y += blurred images x, both shaped as `shape`. */
+static void blur(const lf_tensor *shape, const lf_real *x, lf_real *y)
+{
+    const long height = shape->dim[1], width = shape->dim[2], channels = shape->dim[3];
+    const long image = height * width * channels;
+#pragma omp parallel for schedule(static)
+    for (long r = 0; r < shape->dim[0] * height; r++)
+        blur_row(x + r / height * image, height, width, channels, r % height,
+                 y + r * width * channels);
+}
+
+static void forward(const lf_node *node)
+{
+    lf_tensor *y = node->out[0];
+    memset(y->value, 0, (size_t)y->size * sizeof(lf_real));
+    blur(y, node->in[0]->value, y->value);
+}
+
+static void backward(const lf_node *node)
+{
+    blur(node->in[0], node->out[0]->grad, node->in[0]->grad);
+}
+
+lf_tensor *lf_blur(lf_tape *tape, lf_tensor *x)
+{
+    LF_REQUIRE(x->rank == 4, "lf_blur: x of rank %d, needs 4", x->rank);
+    lf_tensor *y = lf_tensor_new(tape, 4, x->dim);
+    forward(&(lf_node){.in = {x}, .out = {y}});
+    lf_record(tape, "blur", backward, NULL, LF_IN(x), LF_OUT(y));
+    lf_made_again_by(tape, y, forward);
+    return y;
+}
