@@ -6,22 +6,34 @@
  */
 #include "autograd/ops_image.h"
 
-/* y += blurred row i of one image x[height, width, channels]. */
+/* y[k] += the blur of three rows over columns that start at left + k, middle + k, right + k, k < n.
+ */
+static void blur_columns(const lf_real *const row[3], long left, long middle, long right, long n,
+                         lf_real *restrict y)
+{
+    const lf_real *a = row[0], *b = row[1], *c = row[2];
+    for (long k = 0; k < n; k++) {
+        const lf_real sides = (a[left + k] + 2 * b[left + k] + c[left + k]) +
+                              (a[right + k] + 2 * b[right + k] + c[right + k]);
+        const lf_real inner = a[middle + k] + 2 * b[middle + k] + c[middle + k];
+        y[k] += (sides + 2 * inner) * (lf_real)0.0625;
+    }
+}
+
+/* y += blurred row i of one image x[height, width, channels]. All but the outer columns are one run
+ * of numbers, whatever the channels. */
 static void blur_row(const lf_real *x, long height, long width, long channels, long i, lf_real *y)
 {
-    const long line = width * channels;
-    const lf_real *above = x + (i > 0 ? i - 1 : 0) * line, *here = x + i * line;
-    const lf_real *below = x + (i + 1 < height ? i + 1 : i) * line;
-    for (long j = 0; j < width; j++) {
-        const long left = (j > 0 ? j - 1 : 0) * channels, at = j * channels;
-        const long right = (j + 1 < width ? j + 1 : j) * channels;
-        for (long c = 0; c < channels; c++) {
-            const lf_real sides = above[left + c] + 2 * here[left + c] + below[left + c] +
-                                  (above[right + c] + 2 * here[right + c] + below[right + c]);
-            const lf_real middle = above[at + c] + 2 * here[at + c] + below[at + c];
-            y[at + c] += (sides + 2 * middle) * (lf_real)0.0625;
-        }
+    const long line = width * channels, last = line - channels;
+    const lf_real *const row[3] = {x + (i > 0 ? i - 1 : 0) * line, x + i * line,
+                                   x + (i + 1 < height ? i + 1 : i) * line};
+    if (width == 1) {
+        blur_columns(row, 0, 0, 0, channels, y);
+        return;
     }
+    blur_columns(row, 0, 0, channels, channels, y);
+    blur_columns(row, 0, channels, 2 * channels, last - channels, y + channels);
+    blur_columns(row, last - channels, last, last, channels, y + last);
 }
 
 /* y += blurred images x, both shaped as `shape`. */
