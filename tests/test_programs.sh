@@ -164,7 +164,7 @@ cmp before.jsonl run/metrics.jsonl || fail "a profile writes to the run that it 
 grep -q '"quarter":' q.json || fail "no quarter turns in the report on equivariance"
 expect 2 'setting' "$eval" --checkpoint run --setting X
 for keys in model.backbone=plain,model.plain_channels=3 model.fusion=max-pool model.vectors=0 model.type=ibrnet-sdf \
-    model.type=ibrnet-sdf,model.backbone=plain model.antialias=true; do
+    model.type=ibrnet-sdf,model.backbone=plain; do
     sets="--set ${keys//,/ --set }"
     expect 0 'memory: .* MB of tapes' "$train" tiny.ini --out other --threads 1 $sets
     expect 0 'IoU over 1000 points' "$eval" --checkpoint other --threads 1 --setting Z
