@@ -73,8 +73,7 @@ static long min(long a, long b)
     return a < b ? a : b;
 }
 
-/* ---- panels
- * -------------------------------------------------------------------------------------- */
+/* ---- panels ---------------------------------------------------------------------------------- */
 
 /* Panel k of a class of dx: rows (tap, tap, out) from the last tap to the first, columns in. */
 static void pack_flipped(const lf_conv *s, const lf_real *w, const class *c, long k, lf_real *panel)
