@@ -56,6 +56,26 @@ static void images(void **state)
     check_table(image_cases, image_case_count);
 }
 
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/asan_interface.h>
+
+/* A sanitizer build would stop at a touch of what lies behind a piece, or was given back. */
+static void pieces_are_guarded(void **state)
+{
+    (void)state;
+    lf_tape *tape = lf_tape_create();
+    const char *piece = lf_alloc(tape, 128);
+    const lf_mark mark = lf_tape_mark(tape);
+    const char *scratch = lf_alloc(tape, 64);
+    assert_null(__asan_region_is_poisoned((void *)(uintptr_t)piece, 128));
+    assert_true(__asan_address_is_poisoned(piece + 128));
+    assert_false(__asan_address_is_poisoned(scratch));
+    lf_tape_release(tape, mark);
+    assert_true(__asan_address_is_poisoned(scratch));
+    lf_tape_free(tape);
+}
+#endif
+
 enum { GUARD = 64 }; /* bytes behind a piece, at most: a sanitizer build has them */
 
 static void arena_reaches_its_size_once(void **state)
@@ -241,6 +261,9 @@ int main(void)
         cmocka_unit_test(images),
         cmocka_unit_test(light_fields),
         cmocka_unit_test(ibrnet),
+#ifdef __SANITIZE_ADDRESS__
+        cmocka_unit_test(pieces_are_guarded),
+#endif
         cmocka_unit_test(arena_reaches_its_size_once),
         cmocka_unit_test(arena_grows_for_scratch),
         cmocka_unit_test(two_walks_add_up),
