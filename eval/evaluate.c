@@ -101,6 +101,20 @@ typedef struct run {
     double started;
 } run;
 
+/* The hull of the same views, scored at the same points. */
+static lf_status score_hull(run *r, const subject *s, const lf_metric_options *metric,
+                            lf_error *err)
+{
+    lf_mesh *hull;
+    lf_score score;
+    LF_TRY(lf_hull_mesh(s->loaded, &s->views, s->shape.longest_edge, &hull, err));
+    const lf_status status = lf_score_meshes(hull, s->truth, s->shape.sdf, metric, &score, err);
+    lf_mesh_free(hull);
+    if (status == LF_OK)
+        lf_report_add_hull(&r->report, &score);
+    return status;
+}
+
 static lf_status score_shape(run *r, subject *s, long index, lf_error *err)
 {
     lf_metric_options metric = r->report.metric;
@@ -110,6 +124,8 @@ static lf_status score_shape(run *r, subject *s, long index, lf_error *err)
     lf_score score;
     LF_TRY(lf_score_meshes(s->predicted.mesh, s->truth, s->shape.sdf, &metric, &score, err));
     lf_report_add(&r->report, id, &score, s->predicted.seconds, s->predicted.mesh->faces);
+    if (s->options->baselines)
+        LF_TRY(score_hull(r, s, &metric, err));
     r->evaluations += s->predicted.iso.evaluations;
     r->dense_evaluations += s->predicted.iso.dense_evaluations;
     r->invalid += s->predicted.iso.invalid;
@@ -192,6 +208,7 @@ static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o
                         .train_setting = lf_setting_name(loaded->trained),
                         .eval_setting = setting,
                         .split = o->split,
+                        .hulls = o->baselines,
                         .metric = metric_options(cfg, o->exact)}};
     if (o->shapes > 0 && o->shapes < r.count)
         r.count = o->shapes;

@@ -26,6 +26,10 @@ lf_status lf_loaded_open(const char *checkpoint, int n, const char *const *sets,
                          lf_error *err);
 void lf_loaded_close(lf_loaded *loaded);
 
+/* The numbers of the views that the model is given, eval.sources of them or all; returns how many.
+ */
+int lf_loaded_views(const lf_loaded *loaded, int view[LF_CUBE_VIEWS]);
+
 /* Features of eight views given with 8 bits, or of eval.sources of them; then distances at points
  * of the shape (unit: box diagonal) as those views see them. valid may be NULL. */
 void lf_loaded_encode(lf_loaded *loaded, const lf_shape_views *views);
@@ -41,6 +45,10 @@ typedef struct lf_predicted {
  * with that longest edge of its box; `dense`: every point of the grid. Errors of lf_isosurface. */
 lf_status lf_predicted_mesh(lf_loaded *loaded, const lf_shape_views *views, double longest_edge,
                             bool dense, lf_predicted *out, lf_error *err);
+/* The visual hull of the views that the model is given (hull.h) on the same grid, every point of
+ * it; the caller frees it. Errors of lf_isosurface. */
+lf_status lf_hull_mesh(const lf_loaded *loaded, const lf_shape_views *views, double longest_edge,
+                       lf_mesh **out, lf_error *err);
 /* The zero level of the true distance on the same grid; the caller frees it. */
 lf_status lf_true_mesh(const lf_config *cfg, const lf_shape *shape, lf_mesh **out, lf_error *err);
 
@@ -53,6 +61,7 @@ typedef struct lf_evaluate_options {
     long pictures;       /* rows of the montage */
     double roll;         /* degrees; every view rolled by this as well, and rendered again */
     bool dense, quiet, exact;
+    bool baselines; /* score what learns nothing, too */
 } lf_evaluate_options;
 
 /* The shapes of a split in a setting (NULL: the training's), which *used, unless NULL, tells; the

@@ -49,8 +49,7 @@ void lf_loaded_close(lf_loaded *l)
     *l = (lf_loaded){0};
 }
 
-/* The views that are used: eval.sources of them, or all. */
-static int views_used(const lf_loaded *l, int view[V])
+int lf_loaded_views(const lf_loaded *l, int view[V])
 {
     const int sources = (int)lf_config_int(l->cfg, "eval.sources"), used = sources ? sources : V;
     lf_some_views(used, view);
@@ -61,7 +60,7 @@ void lf_loaded_encode(lf_loaded *l, const lf_shape_views *views)
 {
     const lf_recon_config *c = &l->model.config;
     int view[V];
-    const int used = views_used(l, view);
+    const int used = lf_loaded_views(l, view);
     const long each = c->image_size * c->image_size * c->backbone.in_channels, n = used * each;
     float *pixels = malloc((size_t)n * sizeof *pixels);
     LF_REQUIRE(pixels, "out of memory for %ld pixels", n);
@@ -90,7 +89,7 @@ void lf_loaded_predict(lf_loaded *l, const lf_shape_views *views, long n, const 
 {
     const double scale = lf_config_real(l->cfg, "loss.scale");
     int view[V];
-    const int used = views_used(l, view);
+    const int used = lf_loaded_views(l, view);
     lf_projection p = lf_projection_create(n);
     lf_projection_fill(&p, 0, n, point, views, 0);
     lf_recon_points points = lf_seen_points(&p, n);

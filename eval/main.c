@@ -55,9 +55,10 @@ static lf_status run_compare_images(const lf_arguments *a, lf_error *err)
 
 static lf_status run_recon(const lf_arguments *a, lf_error *err)
 {
-    static const int score[] = {OPT_CHECKPOINT, OPT_SETTING,  OPT_SPLIT, OPT_SHAPES, OPT_JSON,
-                                OPT_OUT,        OPT_PICTURES, OPT_ROLL,  OPT_DENSE,  OPT_EXACT,
-                                OPT_SET,        OPT_THREADS,  OPT_QUIET, 0};
+    static const int score[] = {
+        OPT_CHECKPOINT, OPT_SETTING,  OPT_SPLIT, OPT_SHAPES,       OPT_JSON,
+        OPT_OUT,        OPT_PICTURES, OPT_ROLL,  OPT_DENSE,        OPT_EXACT,
+        OPT_SET,        OPT_THREADS,  OPT_QUIET, OPT_NO_BASELINES, 0};
     static const int check[] = {OPT_CHECKPOINT, OPT_SPLIT, OPT_SHAPES, OPT_JSON, OPT_SET,
                                 OPT_THREADS,    OPT_QUIET, OPT_CHECK,  0};
     static const int measure[] = {OPT_CHECKPOINT, OPT_SETTING, OPT_SPLIT,   OPT_SHAPES, OPT_SET,
@@ -326,7 +327,7 @@ int main(int argc, char **argv)
 {
     lf_openmp_wait_briefly(argv);
     lf_error err = {""};
-    lf_arguments a = {.evaluate = {.split = "test", .pictures = 6},
+    lf_arguments a = {.evaluate = {.split = "test", .pictures = 6, .baselines = true},
                       .render = {.frames = 60, .baselines = true},
                       .scene = lf_make_scene_defaults()};
     lf_status status = lf_options_parse(argc, argv, &a, &err);

@@ -43,7 +43,9 @@ static void print_help(FILE *out)
         "  --views N         renderers: at most N views of a scene; make-scene: views in all\n"
         "  --path P          spiral or orbit: numbered frames in --out, and how to make a video\n"
         "  --frames N        frames of the path (default 60)\n"
-        "  --no-baselines    renderers: do not score what learns nothing\n"
+        "  --no-baselines    do not score what learns nothing: of shapes the visual hull of the "
+        "views,\n"
+        "                    of renderers a copy, a mean and a plane sweep of the sources\n"
         "  --pictures N      rows of the picture (default 6); compare-runs: shapes or views of a "
         "part (2)\n"
         "  --roll DEGREES    roll every view by this as well and render it again\n"
@@ -156,7 +158,7 @@ static bool parse_flag(lf_arguments *a, int option)
     case OPT_NORMALISE:
         return a->normalise = true;
     case OPT_NO_BASELINES:
-        a->render.baselines = false;
+        a->evaluate.baselines = a->render.baselines = false;
         return true;
     case OPT_QUIET:
         return a->evaluate.quiet = true;

@@ -1,10 +1,10 @@
 /* report.h: the figures of an evaluation as JSON and as a table; docs/formats.md has the format.
  *
  * JSON keys: experiment, model, category, train_setting, eval_setting, split, shapes, iou,
- * chamfer_l1, seconds_per_shape, peak_rss_mb, empty, metric, per_shape[{id, iou, chamfer_l1,
- * seconds, faces, empty}]. iou, chamfer_l1 and seconds_per_shape are plain means over all shapes;
- * an empty prediction counts with the worst value. chamfer_l1 is times LF_CHAMFER_FACTOR (10) here
- * and nowhere else; `metric` holds the definitions.
+ * chamfer_l1, seconds_per_shape, peak_rss_mb, empty, baselines{hull}, metric, per_shape[{id,
+ * iou, chamfer_l1, seconds, faces, empty, baselines{hull}}]. iou, chamfer_l1 and seconds_per_shape
+ * are plain means over all shapes; an empty prediction counts with the worst value. chamfer_l1 is
+ * times LF_CHAMFER_FACTOR (10) here and nowhere else; `metric` holds the definitions.
  */
 #ifndef LF_EVAL_REPORT_H
 #define LF_EVAL_REPORT_H
@@ -27,6 +27,8 @@ typedef struct lf_report_shape {
     double seconds;    /* from views to mesh */
     long faces;
     bool empty;
+    double hull_iou, hull_chamfer_l1; /* of the visual hull, if the report has hulls */
+    bool hull_empty;
 } lf_report_shape;
 
 /* Fill the strings (borrowed; NULL is written as "") and the options; shapes come by lf_report_add.
@@ -35,18 +37,22 @@ typedef struct lf_report {
     const char *experiment, *model, *category, *train_setting, *eval_setting, *split;
     double peak_rss_mb;
     lf_metric_options metric;
+    bool hulls; /* every shape gets the score of its visual hull */
     long shapes, room;
     lf_report_shape *shape;
 } lf_report;
 
 typedef struct lf_report_means {
     double iou, chamfer_l1 /* not times 10 */, seconds;
-    long empty;
+    double hull_iou, hull_chamfer_l1; /* if the report has hulls */
+    long empty, hull_empty;
 } lf_report_means;
 
 /* Append one shape; the figures must be finite. */
 void lf_report_add(lf_report *report, const char *id, const lf_score *score, double seconds,
                    long faces);
+/* The score of the visual hull of the shape added last; the report must have hulls. */
+void lf_report_add_hull(lf_report *report, const lf_score *score);
 /* Free the shapes; the report may be filled again. */
 void lf_report_clear(lf_report *report);
 /* Means over all shapes; zeros if there is none. */

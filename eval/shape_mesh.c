@@ -1,5 +1,6 @@
 /* shape_mesh.c: the mesh of a shape, as a model predicts it and as it is. See evaluate.h. */
 #include "eval/evaluate.h"
+#include "eval/hull.h"
 #include "train/progress.h"
 
 /* A model and the views that it sees. */
@@ -56,6 +57,15 @@ lf_status lf_predicted_mesh(lf_loaded *loaded, const lf_shape_views *views, doub
     LF_TRY(lf_isosurface(&options, predicted_field, &s, &out->mesh, &out->iso, err));
     out->seconds = lf_seconds_now() - start;
     return LF_OK;
+}
+
+lf_status lf_hull_mesh(const lf_loaded *loaded, const lf_shape_views *views, double longest_edge,
+                       lf_mesh **out, lf_error *err)
+{
+    const lf_iso_options options = iso_options(loaded->cfg, longest_edge, true);
+    lf_hull hull = {.views = views, .channels = loaded->model.config.backbone.in_channels};
+    hull.count = lf_loaded_views(loaded, hull.view);
+    return lf_isosurface(&options, lf_hull_field, &hull, out, NULL, err);
 }
 
 lf_status lf_true_mesh(const lf_config *cfg, const lf_shape *shape, lf_mesh **out, lf_error *err)

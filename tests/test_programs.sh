@@ -140,6 +140,14 @@ for key in experiment model category train_setting eval_setting split shapes iou
 done
 grep -q '"eval_setting": "Z"' e.json && grep -q '"shapes": 2' e.json || fail "wrong report: $(cat e.json)"
 ls meshes/*-predicted.ply meshes/*-true.ply meshes/montage.png >/dev/null || fail "no meshes or no picture"
+expect 0 'visual hull of the same views: IoU 0\.[0-9]*[1-9], Chamfer' "$eval" --checkpoint run --setting Z --json with.json
+expect 0 'IoU over 1000 points' "$eval" --checkpoint run --setting Z --no-baselines --json without.json
+grep -q 'visual hull' out && fail "a hull with --no-baselines"
+[ "$(grep -c '"hull": null' without.json)" = 3 ] || fail "wrong hulls in the report: $(cat without.json)"
+for key in iou chamfer_l1 empty; do
+    [ "$(grep "^  \"$key\":" with.json)" = "$(grep "^  \"$key\":" without.json)" ] ||
+        fail "$key changes with the hull"
+done
 truth=$(ls meshes/*-true.ply | head -1)
 expect 0 '"iou": 1,|"iou": 1\.0' "$eval" compare-meshes "$truth" "$truth" --samples 2000
 expect 0 '"chamfer_l1":' "$eval" compare-meshes "$truth" "$(ls meshes/*-true.ply | tail -1)" --samples 2000
