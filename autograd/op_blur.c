@@ -1,8 +1,12 @@
 /* op_blur.c: binomial smoothing of each channel, for maps that are subsampled next. [ops_image.h]
  *
- *   forward    y[n,i,j,c] = sum over p, q in -1 .. 1 of b_p b_q x[n, i + p, j + q, c], b = 1/4 1/2
- * 1/4 backward   the same of dy: lines beyond the border repeat it, which leaves the matrix
- * symmetric
+ *   forward    y[n,i,j,c] = sum over p, q in -1 .. 1 of b_p b_q x[n, i + p, j + q, c],
+ *              b = 1/4, 1/2, 1/4; lines beyond the border repeat it
+ *   backward   the same of dy: the border leaves the matrix symmetric
+ *
+ * Shapes     x, y [N, H, W, C], of any size.
+ * Keeps      x.
+ * Again      y can be dropped: one pass makes it.
  */
 #include "autograd/ops_image.h"
 

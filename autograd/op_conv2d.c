@@ -1,8 +1,9 @@
 /* op_conv2d.c: y = act(x * w + b), a correlation with zero padding.            [ops_image.h]
  *
- *   forward    y[n,i,j,o] = act(b[o] + sum_{p,q,c} x[n, i s + p - pad, j s + q - pad, c]
- * w[p,q,c,o]) backward   g = dy where the activation passes;  dx += adjoint in x of g, dw +=
- * adjoint in w of g,  db += sum over images and pixels of g
+ *   forward    y[n,i,j,o] =
+ *                act(b[o] + sum_{p,q,c} x[n, i s + p - pad, j s + q - pad, c] w[p,q,c,o])
+ *   backward   g = dy where the activation passes;  dx += adjoint in x of g,
+ *              dw += adjoint in w of g,  db += sum over images and pixels of g
  *
  * Keeps      x, w, and y (for the activation's mask).
  * Cost       2 k k Ci Co flops an output pixel forward, and for each of dx and dw.

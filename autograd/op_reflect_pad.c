@@ -1,8 +1,8 @@
 /* op_reflect_pad.c: a border that mirrors the image at its outermost pixels.      [ops_image.h]
  *
  *   forward    y[n, i, j, c] = x[n, m(i - pad, H), m(j - pad, W), c],
- *              m(i, H) = -i for i < 0, 2 (H - 1) - i for i >= H, i between: the edge is not
- * repeated backward   dx at the place that was read += dy
+ *              m(i, H) = -i for i < 0, 2 (H - 1) - i for i >= H, i between: edges come once
+ *   backward   dx at the place that was read += dy
  *
  * Shapes     x [N, H, W, C] -> y [N, H + 2 pad, W + 2 pad, C]; H and W > pad, so one mirror serves.
  * Keeps      nothing but pad.

@@ -1,8 +1,8 @@
 /* op_squared_error.c: L = sum_r w_r sum_c (x_rc - t_rc)^2,  dx_rc += 2 dL w_r (x_rc - t_rc)
  *
  * Shapes     x [.., C] (rows r), t like x, w one number a row or NULL (1); L [], summed in double,
- * with what each addition rounds off kept (Neumaier). Keeps      t and w (the caller's, until
- * backward).
+ *            with what each addition rounds off kept (Neumaier).
+ * Keeps      t and w (the caller's, until backward).
  */
 #include "autograd/ops.h"
 

@@ -1,8 +1,9 @@
 /* op_volume.c: feature volumes: slices beside each other for 3-D convolutions, trilinear samples.
  *                                                                                  [method.md 5d.2]
  *   slices   y[n, i, .., 3 channels] = [x[n, s i - 1] | x[n, s i] | x[n, s i + 1]], zero outside:
- *            a 3x3 convolution of y is a 3x3x3 convolution of x with zero padding 1, stride s along
- * D sample   z[q] = sum over 8 voxels t of w_t x[n_q][t], trilinear at (x, y, z) of p_q, corners at
+ *            a 3x3 convolution of y is a 3x3x3 convolution of x with zero padding 1, stride s
+ *            along D
+ *   sample   z[q] = sum over 8 voxels t of w_t x[n_q][t], trilinear at (x, y, z) of p_q, corners at
  *            -1/2 and 1/2; beyond them the border's value
  *   backward the adjoints; samples volume by volume, each volume's points in order: the same bits
  *            for any number of threads

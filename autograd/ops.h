@@ -82,8 +82,8 @@ lf_tensor *lf_squared_error(lf_tape *tape, lf_tensor *x, const float *target, co
 
 /* Weighted L1 on clamped values, summed over the points, of predictions x [.., 1] of `scale` * sdf:
  *   sum_i w_i | x_i - clip(scale sdf_i) |,  clip to [-scale clamp, scale clamp],
- *   0 where x lies beyond the clamp on the target's side; w_i = near_weight if sdf_i <= near,
- * else 1.
+ *   0 where x lies beyond the clamp on the target's side;
+ *   w_i = near_weight if sdf_i <= near, else 1.
  * -> []                                                              [method.md 5a.7] */
 typedef struct lf_sdf_loss_config {
     double scale, clamp, near, near_weight;

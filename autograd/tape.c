@@ -9,6 +9,16 @@
 #include "autograd/spare.h"
 #include <sys/mman.h>
 
+/* A sanitizer build sees what is read or written beside a piece of the arena. */
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/asan_interface.h>
+enum { GUARD = 64 }; /* bytes behind every piece */
+#else
+#define ASAN_POISON_MEMORY_REGION(at, size) ((void)(at), (void)(size))
+#define ASAN_UNPOISON_MEMORY_REGION(at, size) ((void)(at), (void)(size))
+enum { GUARD = 0 };
+#endif
+
 enum {
     ALIGNMENT = LF_SPARE_ALIGNMENT,
     FIRST_BLOCK = 1 << 20,
@@ -42,6 +52,7 @@ struct lf_tape {
 /* From the system and back to it: malloc would keep joined blocks beside their successor. */
 static void block_free(block *b)
 {
+    ASAN_UNPOISON_MEMORY_REGION(b->data, b->size);
     munmap(b, sizeof(block) + b->size);
 }
 
@@ -52,6 +63,7 @@ static block *block_create(size_t size)
     LF_REQUIRE(b != MAP_FAILED, "out of memory: %zu bytes for a tape", size);
     b->next = NULL;
     b->size = size;
+    ASAN_POISON_MEMORY_REGION(b->data, size);
     return b;
 }
 
@@ -82,6 +94,13 @@ void lf_tape_free(lf_tape *tape)
     free(tape);
 }
 
+/* What lies behind the newest piece belongs to nobody. */
+static void guard_rest(const lf_tape *tape)
+{
+    if (tape->blocks)
+        ASAN_POISON_MEMORY_REGION(tape->blocks->data + tape->used, tape->blocks->size - tape->used);
+}
+
 void lf_tape_reset(lf_tape *tape)
 {
     const size_t total = tape->blocks ? tape->older + tape->blocks->size : 0;
@@ -90,6 +109,7 @@ void lf_tape_reset(lf_tape *tape)
         tape->blocks = block_create(total > tape->peak ? total : tape->peak);
     }
     tape->used = tape->older = 0;
+    guard_rest(tape);
     tape->node_count = 0;
     tape->spares.count = 0;
     tape->nonfinite[0] = 0;
@@ -140,7 +160,8 @@ size_t lf_tape_peak(const lf_tape *tape)
 
 void *lf_alloc(lf_tape *tape, size_t bytes)
 {
-    bytes = (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    const size_t whole = (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    bytes = whole + GUARD;
     if (!tape->blocks || bytes > tape->blocks->size - tape->used) {
         const size_t doubled = tape->blocks ? 2 * tape->blocks->size : FIRST_BLOCK;
         const size_t grown = doubled < LARGEST_GROWTH ? doubled : LARGEST_GROWTH;
@@ -151,6 +172,7 @@ void *lf_alloc(lf_tape *tape, size_t bytes)
         tape->used = 0;
     }
     void *p = tape->blocks->data + tape->used;
+    ASAN_UNPOISON_MEMORY_REGION(p, whole);
     tape->used += bytes;
     if (lf_tape_bytes(tape) > tape->peak)
         tape->peak = lf_tape_bytes(tape);
@@ -171,6 +193,7 @@ void lf_tape_release(lf_tape *tape, lf_mark mark)
         block_free(newest);
     }
     tape->used = mark.used;
+    guard_rest(tape);
 }
 
 lf_real *lf_alloc_reals(lf_tape *tape, long n)
@@ -192,10 +215,24 @@ static lf_tensor *shape_only(lf_tape *tape, int rank, const long *dim)
     return t;
 }
 
+static lf_real *take_spare(lf_tape *tape, long size)
+{
+    lf_real *spare = lf_spares_take(&tape->spares, size);
+    if (spare)
+        ASAN_UNPOISON_MEMORY_REGION(spare, (size_t)size * sizeof *spare);
+    return spare;
+}
+
+static void give_spare(lf_tape *tape, lf_real *memory, long size)
+{
+    ASAN_POISON_MEMORY_REGION(memory, (size_t)size * sizeof *memory);
+    lf_spares_give(&tape->spares, memory, size);
+}
+
 /* Spare memory, or else new. */
 static lf_real *room(lf_tape *tape, long size)
 {
-    lf_real *spare = lf_spares_take(&tape->spares, size);
+    lf_real *spare = take_spare(tape, size);
     return spare ? spare : lf_alloc_reals(tape, size);
 }
 
@@ -249,7 +286,7 @@ lf_real *lf_scratch_reals(lf_tape *tape, long n)
 {
     lf_real *spare = NULL;
     if (tape->walking && tape->lent.count < LF_SPARES)
-        spare = lf_spares_take(&tape->spares, n);
+        spare = take_spare(tape, n);
     if (!spare)
         return lf_alloc_reals(tape, n);
     lf_spares_give(&tape->lent, spare, n);
@@ -259,7 +296,7 @@ lf_real *lf_scratch_reals(lf_tape *tape, long n)
 static void take_back(lf_tape *tape)
 {
     for (int i = 0; i < tape->lent.count; i++)
-        lf_spares_give(&tape->spares, tape->lent.piece[i].memory, tape->lent.piece[i].size);
+        give_spare(tape, tape->lent.piece[i].memory, tape->lent.piece[i].size);
     tape->lent.count = 0;
 }
 
@@ -301,7 +338,7 @@ void lf_drop(lf_tape *tape, lf_tensor *t)
     if (!t->passing || !t->value)
         return;
     t->dropped = true;
-    lf_spares_give(&tape->spares, t->value, t->size);
+    give_spare(tape, t->value, t->size);
     t->value = NULL;
 }
 
@@ -325,7 +362,7 @@ static void restore(lf_tape *tape, lf_tensor *t)
 static void give_back(lf_tape *tape, lf_tensor *t)
 {
     if (t->grad)
-        lf_spares_give(&tape->spares, t->grad, t->size);
+        give_spare(tape, t->grad, t->size);
     t->grad = NULL;
     if (t->dropped)
         lf_drop(tape, t);

@@ -8,7 +8,9 @@
 #include <limits.h>
 #include <unistd.h>
 
+#include "bench/command_line.h"
 #include "bench/reference.h"
+#include "bench/report.h"
 #include "bench/stability.h"
 #include "bench/stability_report.h"
 
@@ -336,9 +338,10 @@ static lf_status parse(int argc, char **argv, options *o, lf_error *err)
             o->worst = true;
         else if (c == 'c')
             o->check = true;
-        else if (c == 'j')
+        else if (c == 'j') {
             o->json = optarg;
-        else if (c == 'h') {
+            LF_TRY(lf_bench_check_file(optarg, err));
+        } else if (c == 'h') {
             usage();
             exit(0);
         } else
@@ -354,9 +357,9 @@ static lf_status write_json(const char *path, json_t *rows, lf_error *err)
     json_t *all =
         json_pack("{s:f, s:f, s:s, s:O}", "most_ulps", LF_STABILITY_ULPS, "most_difference",
                   LF_STABILITY_DIFFERENCE, "compiler", __VERSION__, "rows", rows);
-    const int failed = json_dump_file(all, path, JSON_INDENT(1) | JSON_REAL_PRECISION(6));
+    const lf_status status = lf_bench_json_write(path, all, err);
     json_decref(all);
-    return failed ? lf_fail(err, LF_FAILED, "%s: cannot be written", path) : LF_OK;
+    return status;
 }
 
 lf_status lf_stability_main(int argc, char **argv, lf_error *err)
@@ -369,7 +372,7 @@ lf_status lf_stability_main(int argc, char **argv, lf_error *err)
         return lf_fail(err, LF_BAD_INPUT, "stability: elf-bench compares float with this program");
     json_t *rows = json_array();
     lf_status status = run_cases(&o, rows, err);
-    if (status == LF_OK && o.json)
+    if (status == LF_OK && o.json && !o.list)
         status = write_json(o.json, rows, err);
     json_decref(rows);
     return status;

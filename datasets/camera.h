@@ -89,11 +89,16 @@ bool lf_camera_project(const lf_camera *camera, const double point[3], double ne
 void lf_camera_ray(const lf_camera *camera, double u, double v, double direction[3]);
 
 /* The rays from `views` cameras through `points` query points (method.md 5a.3, 4.4). For point q
- * and view k, at index q * views + k: uv        [Q,V,2]  pixel coordinates; clamped into the image
- * where masked, so always safe to read direction [Q,V,3]  (p - c)/|p - c|; zero where p is the
- * camera centre (|p - c| < 1e-9) distance  [Q,V]    |p - c| mask      [Q,V]    1 where depth >
- * near, 0 <= u <= width-1, 0 <= v <= height-1 and the direction exists; else 0 Any output may be
- * NULL. A point that is not finite is masked in every view. */
+ * and view k, at index q * views + k:
+ *
+ *   uv        [Q,V,2]  pixel coordinates; clamped into the image where masked, so always safe to
+ *                      read
+ *   direction [Q,V,3]  (p - c)/|p - c|; zero where p is the camera centre (|p - c| < 1e-9)
+ *   distance  [Q,V]    |p - c|
+ *   mask      [Q,V]    1 where depth > near, 0 <= u <= width-1, 0 <= v <= height-1 and the
+ *                      direction exists; else 0
+ *
+ * Any output may be NULL. A point that is not finite is masked in every view. */
 void lf_project_points(int views, const lf_camera *camera, long points, const double (*point)[3],
                        double near, double *uv, double *direction, double *distance, uint8_t *mask);
 

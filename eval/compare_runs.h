@@ -1,9 +1,9 @@
 /* compare_runs.h: elf-eval compare-runs: what several trained systems make of the same shapes or
  * views, as one picture.
  *
- *   reconstruction  a row a shape and setting: input views | each system's mesh with its IoU |
- * truth rendering       three rows a view: truth and each system's picture with its PSNR; the same
- * with the whole frame turned (SO3); what that changed
+ *   reconstruction  a row a shape and setting: input views | each system's mesh, IoU | truth
+ *   rendering       three rows a view: truth and each system's picture with its PSNR; the same with
+ *                   the whole frame turned (SO3); what that changed
  *
  * A part of lf_run_columns is a block of rows. Every run is read with its own config, and must see
  * the same shapes from the same cameras, or render the same views.

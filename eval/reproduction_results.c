@@ -224,7 +224,8 @@ static lf_status check_table(json_t *table, lf_error *err)
                        "title", &title, "source", &source, "experiment", &experiment, "figures",
                        &figures, "settings", &settings, "rows", &rows))
         return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
-    lf_status status = check_figures(figures, err);
+    lf_status status = json_is_array(rows) ? check_figures(figures, err)
+                                           : lf_fail(err, LF_BAD_INPUT, "rows must be a list");
     if (status == LF_OK)
         status = check_texts(settings, "settings", err);
     for (size_t i = 0; status == LF_OK && i < json_array_size(settings); i++)
@@ -244,6 +245,8 @@ static lf_status read_paper(const char *folder, json_t **out, lf_error *err)
     LF_TRY(load(folder, "paper.json", out, err));
     if (json_unpack_ex(*out, &e, JSON_STRICT, "{s:s, s:o}", "paper", &paper, "tables", &tables))
         return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
+    if (!json_is_array(tables))
+        return lf_fail(err, LF_BAD_INPUT, "tables must be a list");
     for (size_t i = 0; i < json_array_size(tables); i++)
         LF_TRY(check_table(json_array_get(tables, i), err));
     return LF_OK;

@@ -26,8 +26,7 @@ static inline long lf_group_count(long left)
     return left < LF_BLOCK_SIDE ? left : LF_BLOCK_SIDE;
 }
 
-/* ---- maps --------------------------------------------------------------------------------------
- */
+/* ---- maps ------------------------------------------------------------------------------------ */
 
 typedef struct lf_group_map {
     lf_types types;
@@ -76,8 +75,7 @@ static inline void lf_group_map_weights(const lf_group_map *m, long groups, cons
     }
 }
 
-/* ---- invariants and gates
- * ------------------------------------------------------------------------ */
+/* ---- invariants and gates -------------------------------------------------------------------- */
 
 static inline void lf_group_invariants(int count, long c, const lf_real *x, lf_real *n)
 {

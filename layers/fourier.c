@@ -1,15 +1,19 @@
 /* fourier.c: fields along a ray by irreducible translation types, and the same fields at points
  *                                                                         [method.md 2.1 - 2.4]
- *   relative   s(x)^-1 y = (d, m): rho = hypot(d_x, d_y), azimuth (d_x, d_y) / rho, cos theta =
- * d_z, signed distance m_z / rho, foot g = (d_x m_y - d_y m_x) / rho^2 spectrum   z_w = sum_y mu_y
- * exp(+i w g_y) k_y,                 types (omega, w) inverse    v_t = step / 2 pi sum_w
- * exp(-(width w)^2 / 2) exp(-i w t) z_w regular    v_t = sum_y mu_y G(t - g_y) k_y,  G the normal
- * density of deviation `width` mu_y = mask_y / max(1, sum mask)
+ *   relative   s(x)^-1 y = (d, m): rho = hypot(d_x, d_y), azimuth (d_x, d_y) / rho,
+ *              cos theta = d_z, signed distance m_z / rho, foot g = (d_x m_y - d_y m_x) / rho^2
+ *   spectrum   z_w = sum_y mu_y exp(+i w g_y) k_y,                 types (omega, w)
+ *   inverse    v_t = step / 2 pi sum_w exp(-(width w)^2 / 2) exp(-i w t) z_w
+ *   regular    v_t = sum_y mu_y G(t - g_y) k_y,  G the normal density of deviation `width`
+ *              mu_y = mask_y / max(1, sum mask)
  *
- * All three are y_na = sum_b E_nab x_nb with complex E made of geometry;  dx_nb += conj(E_nab)
- * dy_na. Shapes     k [N, 1, Y, P C], z [N, W, 2 count C], v [N, S, P C]. In z the scalars are
- * pairs too: with w they turn. Keeps      E. Degenerate parallel rays (rho < 1e-9) have no foot and
- * are masked.
+ * The last three are y_na = sum_b E_nab x_nb with complex E made of geometry;
+ * dx_nb += conj(E_nab) dy_na.
+ *
+ * Shapes      k [N, 1, Y, P C], z [N, W, 2 count C], v [N, S, P C]. In z the scalars are pairs too:
+ *             with w they turn.
+ * Keeps       E.
+ * Degenerate  parallel rays (rho < 1e-9) have no foot and are masked.
  */
 #include "layers/light_field.h"
 

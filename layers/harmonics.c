@@ -1,9 +1,8 @@
-/* harmonics.c: how source cameras look at the points of a target ray       [method.md 4.1, 4.4,
- * 5b.2]
+/* harmonics.c: how source cameras look at the points of a target ray   [method.md 4.1, 4.4, 5b.2]
  *
  * Per (ray, view), o the ray's origin, c the camera's centre, S = S(d) the ray's frame:
- *   (u_x, u_y, -a) = S' (o - c):   perpendicular offset u, and the depth a where the camera
- * projects z = (u_x + i u_y) / |u|,       phase of type omega: z^omega |u|^2 / (|u|^2 + epsilon^2)
+ *   (u_x, u_y, -a) = S' (o - c):  perpendicular offset u, and the depth a where the camera projects
+ *   z = (u_x + i u_y) / |u|,      phase of type omega: z^omega |u|^2 / (|u|^2 + epsilon^2)
  * Per (ray, sample, view), tau the sample's depth:
  *   h = hypot(tau - a, |u|),       cos theta = (tau - a) / h,  sin theta = |u| / h
  *

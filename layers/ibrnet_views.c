@@ -1,12 +1,14 @@
 /* ibrnet_views.c: weights, moments and visibilities over the views of a point; colours
  *                                                                  [layers/ibrnet.h, method.md 5c]
- *   weights    a_v = m_v (e_v - e_least), e = exp(|s| x), x = dot - 1,  w_v = a_v / (sum a +
- * epsilon) ds  += sign(s) sum_v dw_v w_v (l_v - sum_u w_u l_u),  l = d log a / d|s| moments    mean
- * = sum_v w_v x_v,  variance = sum_v w_v (x_v - mean)^2,  sum_v w_v / V g = dmean - 2 dvariance
- * mean (1 - sum w),  h_v = x_v - mean dx_v += w_v (g + 2 dvariance h_v),  dw_v += sum_c x_v g +
- * h_v^2 dvariance + d(sum w / V) / V residual   z = x + r_0..D-1,  y = z m sigmoid(r_D) visibility
- * u_v = m_v sigmoid(t_v),  w_v = u_v / (sum u + epsilon) colour     p = softmax of t over the views
- * with m = 1,  c = sum_v p_v x_v
+ *   weights    a_v = m_v (e_v - e_least), e = exp(|s| x), x = dot - 1,
+ *              w_v = a_v / (sum a + epsilon)
+ *     ds  += sign(s) sum_v dw_v w_v (l_v - sum_u w_u l_u),  l = d log a / d|s|
+ *   moments    mean = sum_v w_v x_v,  variance = sum_v w_v (x_v - mean)^2,  sum_v w_v / V
+ *     g = dmean - 2 dvariance mean (1 - sum w),  h_v = x_v - mean
+ *     dx_v += w_v (g + 2 dvariance h_v),  dw_v += sum_c x_v g + h_v^2 dvariance + d(sum w / V) / V
+ *   residual   z = x + r_0..D-1,  y = z m sigmoid(r_D)
+ *   visibility u_v = m_v sigmoid(t_v),  w_v = u_v / (sum u + epsilon)
+ *   colour     p = softmax of t over the views with m = 1,  c = sum_v p_v x_v
  *
  * Shapes      layers/ibrnet.h: everything is in lanes but the features whose first three numbers
  *             are colours.

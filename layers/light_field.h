@@ -124,9 +124,7 @@ lf_tensor *lf_so2_gated_apply(lf_tape *tape, const lf_so2_gated *layer, const lf
 /* Scalar ray features f_v, mapped to all types, turned to the target ray's frame:
  *   k_v = (1 + a_k) z_v^omega m_v per type,   zeros where the view does not see the point
  * m [N, S, V, P C] = W f: a real map of scalars gives any complex number; a [N, S, V, count C]: the
- * profile over the angle, as its difference from 1. -> [N, S, V, P C]          [method.md 2.3,
- * 5b.4]
- */
+ * profile over the angle, as its difference from 1. -> [N, S, V, P C]      [method.md 2.3, 5b.4] */
 lf_tensor *lf_ray_ray_values(lf_tape *tape, lf_tensor *m, lf_tensor *a,
                              const lf_light_geometry *rays);
 /* Their mean over the views that see the point -> [N, S, P C]; zeros where none does.       [5b.3]

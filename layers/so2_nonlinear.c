@@ -6,10 +6,11 @@
  *   norm_relu   y_0 = ReLU(x_0 + b_0)
  *               y_k = F x_k, F = ReLU(n + b_k) / n              dx_k += F dy + F'(n) <dy, x> x / n
  *               n = sqrt(|x_k|^2 + 1e-8)                        db_k += [n + b > 0] <dy, x> / n
- *   layer_norm  y = g x q, q = (mean x^2 + 1e-4)^-1/2           dx += q (g dy - x q^2 <g dy, x> /
- * R) dg += q <dy, x> per type, channel Shapes      x, y [.., P C]; n, h [.., count C]; b, g [count
- * C]; k >= 1 has two planes. Degenerate  zero rows: every divisor is positive, every derivative
- * finite.
+ *   layer_norm  y = g x q, q = (mean x^2 + 1e-4)^-1/2   dx += q (g dy - x q^2 <g dy, x> / R)
+ *                                                       dg += q <dy, x> per type, channel
+ *
+ * Shapes      x, y [.., P C]; n, h [.., count C]; b, g [count C]; k >= 1 has two planes.
+ * Degenerate  zero rows: every divisor is positive, every derivative finite.
  */
 #include "layers/light_field.h"
 

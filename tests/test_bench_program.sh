@@ -32,6 +32,7 @@ expect 0 '^gemm-512 ' "$bench" gemm --list
 
 expect 2 'no such case; elf-bench stability --list' "$bench" stability nonsense
 expect 2 'unrecognized option' "$bench" stability --nonsense
+expect 2 'folder does not exist' "$bench" stability softmax --json nowhere/hard.json
 expect 2 'elf-bench compares' "$bench-f64" stability
 expect 2 'no such case' "$bench-f64" stability --reference softmax 99
 expect 0 '^softmax +7 values' "$bench" stability --list

@@ -380,14 +380,37 @@ static void threads_change_nothing(void **state)
     omp_set_num_threads(threads);
 }
 
+/* Called inside a team, with nested teams allowed: nothing behind the scratch is written. */
+static void conv_in_a_team(void **state)
+{
+    (void)state;
+    enum { BEHIND = 1 << 18 };
+    const lf_conv s = lf_conv_shape(1, 4, 4, 128, 128, 3, 1, 1);
+    static lf_real x[4 * 4 * 128], w[9 * 128 * 128], y[4 * 4 * 128];
+    omp_set_max_active_levels(2);
+#pragma omp parallel num_threads(2)
+#pragma omp single
+    {
+        omp_set_num_threads(4); /* of the teams inside */
+        const long room = lf_conv_scratch(&s);
+        lf_real *scratch = malloc((size_t)(room + BEHIND) * sizeof *scratch);
+        memset(scratch + room, 0xff, BEHIND * sizeof *scratch);
+        lf_kernel_conv(&s, x, w, NULL, LF_IDENTITY, y, scratch);
+        for (long i = 0; i < BEHIND; i++)
+            assert_true(isnan(scratch[room + i]));
+        free(scratch);
+    }
+    omp_set_max_active_levels(1);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(linear_like_reference), cmocka_unit_test(linear_large),
-        cmocka_unit_test(linear_keeps_nan),      cmocka_unit_test(linear_adjoint),
-        cmocka_unit_test(matmul_like_reference), cmocka_unit_test(conv_backbone),
-        cmocka_unit_test(conv_odd_shapes),       cmocka_unit_test(conv_wide),
-        cmocka_unit_test(conv_in_parts),         cmocka_unit_test(conv_adjoint),
-        cmocka_unit_test(threads_change_nothing)};
+        cmocka_unit_test(linear_like_reference),  cmocka_unit_test(linear_large),
+        cmocka_unit_test(linear_keeps_nan),       cmocka_unit_test(linear_adjoint),
+        cmocka_unit_test(matmul_like_reference),  cmocka_unit_test(conv_backbone),
+        cmocka_unit_test(conv_odd_shapes),        cmocka_unit_test(conv_wide),
+        cmocka_unit_test(conv_in_parts),          cmocka_unit_test(conv_adjoint),
+        cmocka_unit_test(threads_change_nothing), cmocka_unit_test(conv_in_a_team)};
     return cmocka_run_group_tests_name("kernels", tests, NULL, NULL);
 }

@@ -86,8 +86,26 @@ expect 2 'at most 6' "$eval" curves $(for _ in 1 2 3 4 5 6 7; do run_of equivari
 # killed before its first checkpoint: a folder without one is begun again
 run=runs/test/built-in/ibrnet-sdf-chair-SO3-0
 rm -rf $run/checkpoints $run/result-*.json $run/trained
+# a program that crashes, or whose report lacks a number: one failed run, the others are done
+mkdir -p crash/train crash/eval lack/train lack/eval
+ln -s "$eval" crash/eval/elf-eval && ln -s "$train" lack/train/elf-train
+printf '#!/bin/sh\nkill -ABRT $$\n' >crash/train/elf-train
+cat >lack/eval/elf-eval <<END
+#!/bin/sh
+[ "\$1" = --checkpoint ] || exec "$eval" "\$@"
+for last; do :; done
+echo '{}' >"\$last"
+END
+chmod +x crash/train/elf-train lack/eval/elf-eval
+for fault in crash lack; do
+    ELF_BUILD=$here/$fault reproduce >out 2>err
+    [ $? = 1 ] && grep -q '1 runs failed' err || fail "$fault: not one failed run"
+    [ -e $run/result-SO3.json ] && fail "$fault: left a result"
+done
+grep -q 'result-SO3.json.tmp: a value is missing' err || fail "the result that lacks a number is not named"
+[ -e $run/trained ] || fail "the run without a checkpoint was not begun again"
 expect 0 '8 runs, 7 done before' reproduce
-[ -e $run/result-SO3.json ] || fail "the run without a checkpoint was not begun again"
+[ -e $run/result-SO3.json ] || fail "the failed run was not done again"
 # other keys than it was begun with
 echo "other keys" >$run/arguments
 rm $run/result-SO3.json
@@ -98,7 +116,7 @@ expect 2 'begun with other keys' reproduce
 expect 0 'counted' "$script" --size test --only counts --out runs --docs docs
 [ "$(ls docs/reproduction/test-count-*.json | wc -l)" = 16 ] || fail "not every model is counted"
 [ "$("$script" --quick --only table1 --list | wc -l)" = 36 ] || fail "table1 has not 36 trainings"
-[ "$("$script" --only ablation --seeds 2 --list | wc -l)" = 40 ] || fail "the ablation has not 40 trainings with two seeds"
+[ "$("$script" --only ablation --seeds 2 --list | wc -l)" = 42 ] || fail "the ablation has not 42 trainings with two seeds"
 mkdir -p data/shapes/car data/scenes
 [ "$("$script" --only table1 --data data --list 2>err | grep -c '^files .* car ')" = 12 ] || fail "no cars from files"
 grep -q 'no airplane: left out' err || fail "a missing category is not named"

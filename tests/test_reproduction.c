@@ -308,6 +308,7 @@ static void test_bad_paper(void **state)
          "\"s\", \"label\": \"l\", \"values\": [[1, 2]]}]}]}",
          "value 1 must be 1 figures"},
         {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": [], \"more\": 1}]}", "more"},
+        {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": 3}]}", "rows must be a list"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         char text[1024];

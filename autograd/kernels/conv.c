@@ -73,8 +73,7 @@ static long min(long a, long b)
     return a < b ? a : b;
 }
 
-/* ---- panels
- * -------------------------------------------------------------------------------------- */
+/* ---- panels ---------------------------------------------------------------------------------- */
 
 /* Panel k of a class of dx: rows (tap, tap, out) from the last tap to the first, columns in. */
 static void pack_flipped(const lf_conv *s, const lf_real *w, const class *c, long k, lf_real *panel)
@@ -165,6 +164,12 @@ static void run_block(const plan *p, long classes, const class *c, panel_range o
         run_class(p, &c[k], only, b, &in);
 }
 
+/* Nested teams are of one thread, whatever OMP_MAX_ACTIVE_LEVELS says: scratch is for that. */
+static long threads_now(void)
+{
+    return omp_in_parallel() ? 1 : omp_get_max_threads();
+}
+
 /* Numbers of the panels of one thread, where every thread packs those that it uses. */
 static long room_of_thread(const lf_conv *s, long channels)
 {
@@ -191,7 +196,7 @@ static void run_panel(const plan *p, long classes, const class *c, long k, lf_re
 static void run_panels(const plan *p, long classes, const class *c, const lf_block *all)
 {
     const long each = room_of_thread(p->s, p->from.channels);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) num_threads((int)threads_now())
     for (long k = 0; k < lf_panels(p->to.channels); k++)
         run_panel(p, classes, c, k, c->packed + omp_get_thread_num() * each, all);
 }
@@ -217,11 +222,6 @@ static void run_blocks(const plan *p, long classes, const class *c, lf_block siz
         if (b.lines > 0)
             run_block(p, classes, c, (panel_range){0, lf_panels(p->to.channels)}, &b);
     }
-}
-
-static long threads_now(void)
-{
-    return omp_in_parallel() ? 1 : omp_get_max_threads();
 }
 
 /* All of the grid is one block, and there are panels for all threads. */
