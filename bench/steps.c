@@ -242,8 +242,8 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
 
 static lf_bench_work *open_tiny(const lf_bench_case *c)
 {
-    static const char *const sets[] = {"data.image_size=97", "model.antialias=true"};
-    return open_sets(c, sets, 2, 2);
+    static const char *const sets[] = {"data.image_size=97"};
+    return open_sets(c, sets, 1, 2);
 }
 
 static lf_bench_work *open_small_images(const lf_bench_case *c)
@@ -290,7 +290,7 @@ static lf_bench_work *open_fvor(const lf_bench_case *c)
 static lf_bench_work *open_ibrnet(const lf_bench_case *c)
 {
     static const char *const sets[] = {"model.type=ibrnet-sdf", "data.image_size=97",
-                                       "model.antialias=true", "model.mlp=16"};
+                                       "model.mlp=16"};
     return open_sets(c, sets, sizeof sets / sizeof *sets, 2);
 }
 

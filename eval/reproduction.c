@@ -193,7 +193,7 @@ static void print_promises(FILE *out)
         "| system | views in another order | frame turned | frame shifted | each view rolled by "
         "quarter turns |\n"
         "|---|---|---|---|---|\n"
-        "| equivariant, aliased, max-pool, scalars | 1e-11 / 2e-5 | 1e-9 / 1e-4 | 1e-9 / 1e-4 | 1e-11 / "
+        "| equivariant, smoothed, max-pool, scalars | 1e-11 / 2e-5 | 1e-9 / 1e-4 | 1e-9 / 1e-4 | 1e-11 / "
         "2e-5 |\n"
         "| without-se2, without-se2-equal-cost | 1e-11 / 2e-5 | 1e-9 / 1e-4 | 1e-9 / 1e-4 | "
         "**changes** |\n"

@@ -10,7 +10,7 @@ describe() {
     without-se2) config=ablation-plain ;;
     without-se2-equal-cost) config=reconstruct-plain ;;
     max-pool | scalars) config=ablation-$1 ;;
-    aliased) config=reconstruct-tiny keys=model.antialias=false ;;
+    smoothed) config=reconstruct-tiny keys=model.antialias=true ;;
     ibrnet-sdf) config=reconstruct-ibrnet ;;
     ibrnet-sdf-plain)
         config=reconstruct-ibrnet
@@ -59,7 +59,7 @@ widths() {
         train.points_per_shape=2048 train.shapes_per_step=4 ;;
     esac
     case $size-$1 in
-    small-equivariant | small-aliased | small-without-se2-equal-cost)
+    small-equivariant | small-smoothed | small-without-se2-equal-cost)
         echo model.stem_fields=8 model.fields=8,16,32 model.scalars=32 model.vectors=16 model.mlp=128,128 ;;
     small-without-se2)
         echo model.stem_fields=18 model.fields=18,36,72 model.scalars=32 model.vectors=16 model.mlp=128,128 ;;
@@ -70,7 +70,7 @@ widths() {
     small-ibrnet-sdf-plain) echo model.stem_fields=18 model.fields=18,36,72 model.width=32 model.mlp=32 ;;
     small-disn) echo model.stem_fields=4 model.fields=4,6,8 model.point=32,64,128 model.global=128 model.mlp=128,128 ;;
     small-fvor) echo model.stem_fields=4 model.fields=4,6,8 model.grid=33 model.volume=2,4,4 model.mlp=128,128 ;;
-    paper-equivariant | paper-aliased | paper-without-se2-equal-cost)
+    paper-equivariant | paper-smoothed | paper-without-se2-equal-cost)
         echo model.stem_fields=8 model.stages=2,2,2,2 model.fields=8,16,32,64 model.scalars=64 model.vectors=32 \
             model.blocks=3 model.mlp=256,256 ;;
     paper-without-se2)
@@ -100,7 +100,7 @@ runs_of() {
     [ -z "$data" ] || [ ! -d "$data/shapes" ] || shapes=files
     case $1 in
     table1) systems="equivariant fvor disn" categories="chair airplane car" ;;
-    ablation) systems="equivariant without-se2 without-se2-equal-cost max-pool scalars aliased" categories=chair ;;
+    ablation) systems="equivariant without-se2 without-se2-equal-cost max-pool scalars smoothed" categories=chair ;;
     ibrnet-sdf)
         systems="equivariant ibrnet-sdf-plain ibrnet-sdf-plain-equal-cost ibrnet-sdf" categories=chair
         settings="Y:Y,SO3 SO3:SO3" ;;
@@ -125,7 +125,7 @@ runs_of() {
     for pair in $settings; do
         for category in $present; do
             for system in $systems; do
-                [ $system != aliased ] || [ "${pair%:*}" = I ] || continue # what a roll costs it is the point
+                [ $system != smoothed ] || [ "${pair%:*}" = I ] || continue # what a roll costs it is the point
                 echo "$shapes $system $category ${pair%:*} ${pair#*:}"
             done
         done
