@@ -10,8 +10,7 @@
  */
 #include "autograd/ops_image.h"
 
-/* y[k] += the blur of three rows over columns that start at left + k, middle + k, right + k, k < n.
- */
+/* y[k] += the blur of three rows over the columns at left + k, middle + k and right + k, k < n. */
 static void blur_columns(const lf_real *const row[3], long left, long middle, long right, long n,
                          lf_real *restrict y)
 {

@@ -45,7 +45,8 @@ lf_tensor *lf_field_norm(lf_tape *tape, lf_tensor *x, lf_tensor *gamma, lf_tenso
 lf_tensor *lf_max_pool(lf_tape *tape, lf_tensor *x, long size, long stride, long pad);
 
 /* Each channel smoothed by the 3x3 binomial filter (1 2 1; 2 4 2; 1 2 1) / 16, lines beyond the
- * border repeating it: what an image needs before a stride of 2. x [N, H, W, C]. */
+ * border repeating it: what an image needs before a stride of 2. x [N, H, W, C] -> the same.
+ * [method.md 5a.2] */
 lf_tensor *lf_blur(lf_tape *tape, lf_tensor *x);
 
 /* The image with a border that mirrors it at its outermost pixels, which are not repeated: x

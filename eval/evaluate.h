@@ -26,8 +26,7 @@ lf_status lf_loaded_open(const char *checkpoint, int n, const char *const *sets,
                          lf_error *err);
 void lf_loaded_close(lf_loaded *loaded);
 
-/* The numbers of the views that the model is given, eval.sources of them or all; returns how many.
- */
+/* Numbers of the views that the model is given, eval.sources of them or all; returns how many. */
 int lf_loaded_views(const lf_loaded *loaded, int view[LF_CUBE_VIEWS]);
 
 /* Features of eight views given with 8 bits, or of eval.sources of them; then distances at points

@@ -60,6 +60,18 @@ static lf_report example(void)
     return r;
 }
 
+/* What a report prints; the caller frees it. */
+static char *printed(const lf_report *r)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    assert_non_null(out);
+    lf_report_print(r, out);
+    fclose(out);
+    return text;
+}
+
 static double number(const json_t *json, const char *key)
 {
     const json_t *value = json_object_get(json, key);
@@ -130,11 +142,7 @@ static void hulls_are_reported(void **state)
     assert_non_null(
         json_object_get(json_object_get(json_object_get(json, "metric"), "baselines"), "hull"));
     json_decref(json);
-    char *text = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&text, &size);
-    lf_report_print(&r, out);
-    fclose(out);
+    char *text = printed(&r);
     assert_non_null(strstr(text, "views: IoU 0.4000, Chamfer x10 8.7603, 1 empty"));
     free(text);
     lf_report_clear(&r);
@@ -162,11 +170,7 @@ static void table_is_printed(void **state)
 {
     (void)state;
     lf_report r = example();
-    char *text = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&text, &size);
-    lf_report_print(&r, out);
-    fclose(out);
+    char *text = printed(&r);
     assert_non_null(strstr(text, "0.8000       0.2000"));
     assert_non_null(strstr(text, "2 shapes, 1 empty"));
     assert_non_null(strstr(text, "17.3205"));
