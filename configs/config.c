@@ -68,6 +68,45 @@ lf_status lf_config_set(lf_config *cfg, const char *assignment, lf_error *err)
     return LF_OK;
 }
 
+/* Does the key say what the network is, and not how it is trained or used? */
+static bool of_network(const char *key)
+{
+    static const char *const use[] = {"model.norm_momentum", "render.sources", "render.samples",
+                                      "render.fine_samples"};
+    for (size_t i = 0; i < sizeof use / sizeof *use; i++)
+        if (!strcmp(key, use[i]))
+            return false;
+    return !strncmp(key, "model.", 6) || !strncmp(key, "render.", 7);
+}
+
+lf_status lf_config_set_trained(lf_config *cfg, int n, const char *const *assignment, lf_error *err)
+{
+    lf_config changed = {malloc((size_t)lf_schema_size * sizeof *changed.value)};
+    LF_REQUIRE(changed.value, "configs: out of memory");
+    memcpy(changed.value, cfg->value, (size_t)lf_schema_size * sizeof *changed.value);
+    lf_status status = LF_OK;
+    for (int i = 0; status == LF_OK && i < n; i++)
+        status = lf_config_set(&changed, assignment[i], err);
+    for (int i = 0; status == LF_OK && i < lf_schema_size; i++) {
+        const lf_key *key = &lf_schema[i];
+        char was[256], is[256];
+        lf_value_print(key, &cfg->value[i], was);
+        lf_value_print(key, &changed.value[i], is);
+        if (of_network(key->name) && strcmp(was, is) != 0)
+            status =
+                lf_fail(err, LF_BAD_INPUT,
+                        "--set %s=%s: the network was trained with %s; the key makes it another "
+                        "model, which has to be trained itself",
+                        key->name, is, was);
+    }
+    if (status == LF_OK)
+        status = lf_config_check(&changed, err);
+    if (status == LF_OK)
+        memcpy(cfg->value, changed.value, (size_t)lf_schema_size * sizeof *changed.value);
+    free(changed.value);
+    return status;
+}
+
 static const lf_value *get(const lf_config *cfg, const char *key, lf_key_type type)
 {
     const int i = lf_schema_find(key);

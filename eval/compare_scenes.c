@@ -171,10 +171,8 @@ static lf_status config_of(const block *b, const char *checkpoint, lf_config **o
     lf_config *cfg;
     LF_TRY(lf_checkpoint_config(checkpoint, &cfg, NULL, err));
     lf_status status = lf_config_set(cfg, "eval.views=1", err);
-    for (int i = 0; status == LF_OK && i < b->o->sets; i++)
-        status = lf_config_set(cfg, b->o->set[i], err);
     if (status == LF_OK)
-        status = lf_config_check(cfg, err);
+        status = lf_config_set_trained(cfg, b->o->sets, b->o->set, err);
     if (status == LF_OK)
         *out = cfg;
     else

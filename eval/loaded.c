@@ -12,9 +12,7 @@ static lf_status load(const char *path, int n, const char *const *sets, lf_loade
     lf_training_state state;
     LF_TRY(lf_checkpoint_config(path, &l->cfg, &state, err));
     LF_TRY(lf_setting_parse(lf_config_choice(l->cfg, "data.setting"), &l->trained, err));
-    for (int i = 0; i < n; i++)
-        LF_TRY(lf_config_set(l->cfg, sets[i], err));
-    LF_TRY(lf_config_check(l->cfg, err));
+    LF_TRY(lf_config_set_trained(l->cfg, n, sets, err));
     l->step = state.step;
     const lf_recon_config config = lf_recon_config_from(l->cfg);
     l->store = lf_store_create(0);

@@ -182,11 +182,7 @@ static lf_status read_config(const lf_arguments *a, const char *checkpoint, lf_c
 {
     lf_config *cfg;
     LF_TRY(lf_checkpoint_config(checkpoint, &cfg, NULL, err));
-    lf_status status = LF_OK;
-    for (int i = 0; status == LF_OK && i < a->sets; i++)
-        status = lf_config_set(cfg, a->set[i], err);
-    if (status == LF_OK)
-        status = lf_config_check(cfg, err);
+    const lf_status status = lf_config_set_trained(cfg, a->sets, a->set, err);
     if (status == LF_OK)
         *out = cfg;
     else

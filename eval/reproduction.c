@@ -59,23 +59,43 @@ static void print_head(const json_t *settings, FILE *out)
     fputc('\n', out);
 }
 
+/* The cell of a row in its setting number i, of a group or of none; its training setting is put
+ * into `train`. */
+static lf_cell cell_at(const json_t *table, const json_t *row, const lf_group *g, size_t i,
+                       char train[static 32])
+{
+    const char *setting = json_string_value(json_array_get(json_object_get(table, "settings"), i));
+    const char *slash = strchr(setting, '/');
+    snprintf(train, 32, "%.*s", (int)(slash - setting), setting);
+    return (lf_cell){lf_text_of(table, "experiment"),
+                     lf_text_of(row, "system"),
+                     g ? g->size : "",
+                     g ? g->data : "",
+                     lf_text_of(row, "category"),
+                     train,
+                     slash + 1};
+}
+
+/* Is there a result in any setting? */
+static bool was_run(const lf_results *r, const json_t *table, const json_t *row, const lf_group *g)
+{
+    char train[32];
+    for (size_t i = 0; i < json_array_size(json_object_get(table, "settings")); i++) {
+        const lf_cell c = cell_at(table, row, g, i, train);
+        const lf_moments m = lf_moments_of(r, &c, figure_at(json_object_get(table, "figures"), 0));
+        if (m.n + m.lacking > 0)
+            return true;
+    }
+    return false;
+}
+
 /* A row of elf's figures: of a group, or of none. */
 static void print_row(const lf_results *r, const json_t *table, const json_t *row,
                       const lf_group *g, FILE *out)
 {
-    const json_t *settings = json_object_get(table, "settings");
-    for (size_t i = 0; i < json_array_size(settings); i++) {
-        char train[32];
-        const char *setting = json_string_value(json_array_get(settings, i));
-        const char *slash = strchr(setting, '/');
-        snprintf(train, sizeof train, "%.*s", (int)(slash - setting), setting);
-        const lf_cell c = {lf_text_of(table, "experiment"),
-                           lf_text_of(row, "system"),
-                           g ? g->size : "",
-                           g ? g->data : "",
-                           lf_text_of(row, "category"),
-                           train,
-                           slash + 1};
+    char train[32];
+    for (size_t i = 0; i < json_array_size(json_object_get(table, "settings")); i++) {
+        const lf_cell c = cell_at(table, row, g, i, train);
         print_cell(r, &c, json_object_get(table, "figures"), out);
     }
     fputc('\n', out);
@@ -89,11 +109,15 @@ static void print_system(const lf_results *r, const json_t *table, const json_t 
     for (size_t i = 0; i < json_array_size(json_object_get(table, "settings")); i++)
         print_paper_cell(json_array_get(values, i), json_object_get(table, "figures"), out);
     fputc('\n', out);
+    bool any = false;
     for (long i = 0; i < groups; i++) {
+        if (!was_run(r, table, row, &g[i]))
+            continue;
         fprintf(out, "| | elf, %s, %s |", g[i].size, g[i].data);
         print_row(r, table, row, &g[i], out);
+        any = true;
     }
-    if (groups == 0) {
+    if (!any) {
         fputs("| | elf |", out);
         print_row(r, table, row, NULL, out);
     }
@@ -173,8 +197,10 @@ static void print_intro(FILE *out)
         "(times 10),\n"
         "lpips, pixel_variance (0 ... 255): less is. ± is the sample standard deviation over "
         "seeds, where\n"
-        "there are two or more. \"not run\": no result yet. –: not in the paper, or not available\n"
-        "(lpips without its weights).\n",
+        "there are two or more. \"not run\": no result yet; sizes and data of which a system has "
+        "no result "
+        "at all\n"
+        "have no row. –: not in the paper, or not available (lpips without its weights).\n",
         out);
 }
 

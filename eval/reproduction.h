@@ -3,7 +3,7 @@
  * A folder holds results, a small JSON object a file, and paper.json, which says what tables there
  * are and what the paper has in them; docs/formats.md has the keys of both. Results of a cell that
  * differ in their seed alone are joined: mean and sample standard deviation (divisor n - 1). A cell
- * without a result says "not run". All is in the order of paper.json and of the files' names, so
+ * without a result says "not run"; a size and data of which a system has none at all has no row. All is in the order of paper.json and of the files' names, so
  * the page does not depend on the order in which the runs came.
  */
 #ifndef LF_EVAL_REPRODUCTION_H

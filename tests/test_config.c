@@ -284,6 +284,29 @@ static void test_misfits(void **state)
     }
 }
 
+/* Of a trained network what it is stays; how it is used may change. All or nothing. */
+static void test_overrides_of_a_trained_network(void **state)
+{
+    (void)state;
+    static const char *const use[] = {"render.sources=4", "render.samples=9", "eval.sources=3",
+                                      "model.heads=4" /* as it is */, "train.steps=50"};
+    static const char *const other[][2] = {{"train.steps=60", "model.antialias=true"},
+                                           {"render.heads=2", "train.steps=60"},
+                                           {"model.scalars=8", "train.steps=60"},
+                                           {"train.steps=60", "data.image_size=3"}};
+    lf_config *cfg = defaults();
+    lf_error err;
+    assert_int_equal(lf_config_set_trained(cfg, 5, use, &err), LF_OK);
+    assert_int_equal(lf_config_int(cfg, "render.sources"), 4);
+    for (size_t i = 0; i < 4; i++) {
+        assert_int_equal(lf_config_set_trained(cfg, 2, other[i], &err), LF_BAD_INPUT);
+        assert_int_equal(lf_config_int(cfg, "train.steps"), 50);
+        if (i < 3)
+            assert_non_null(strstr(err.text, "another model"));
+    }
+    lf_config_free(cfg);
+}
+
 static void test_warnings(void **state)
 {
     (void)state;
@@ -408,6 +431,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(test_bad_files),
         cmocka_unit_test(test_bad_sets),
         cmocka_unit_test(test_misfits),
+        cmocka_unit_test(test_overrides_of_a_trained_network),
         cmocka_unit_test(test_warnings),
         cmocka_unit_test(test_bad_paths),
         cmocka_unit_test(test_random_damage),

@@ -217,8 +217,10 @@ refused 'not a checkpoint of elf' foreign.safetensors
 refused 'No such file' missing.safetensors
 mkdir hollow
 refused 'no checkpoint' hollow
-expect 2 'another model|shape|missing' "$eval" --checkpoint run --set model.scalars=8
-expect 2 'another model|shape|missing' "$train" --resume run --out other --set model.blocks=2
+expect 2 'model\.scalars=8: the network was trained with 4; .*another model' "$eval" --checkpoint run --set model.scalars=8
+expect 2 'model\.blocks=2: .*another model' "$train" --resume run --out other --set model.blocks=2
+# keys that no parameter tells from their other value
+expect 2 'model\.antialias=true: .*another model' "$eval" --checkpoint run --set model.antialias=true
 expect 2 'model\.scalar' "$eval" --checkpoint run --set model.scalar=8
 cp -r run damaged # its newest checkpoint is broken: the one before counts, with a note
 cp cut.safetensors "$(checkpoint damaged 6)"
@@ -236,9 +238,9 @@ for type in disn fvor; do
     grep -q "\"model\": \"$type\"" $type.json || fail "the report does not name $type: $(cat $type.json)"
     expect 0 'features of the object' "$eval" --checkpoint $type --check-equivariance 1 --shapes 1
     for wrong in $other equivariant; do
-        expect 2 "$type/checkpoints/step-00000006.safetensors.*another model" "$eval" --checkpoint $type \
+        expect 2 "model.type=$wrong: .*trained with $type.*another model" "$eval" --checkpoint $type \
             --set model.type=$wrong
-        expect 2 'another model|no array|shape' "$train" --resume $type --out other --set model.type=$wrong
+        expect 2 'another model' "$train" --resume $type --out other --set model.type=$wrong
     done
     [ -e other ] && fail "a checkpoint of another system leaves a run folder"
 done

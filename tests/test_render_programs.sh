@@ -153,8 +153,9 @@ expect 2 'give --out' "$eval" --checkpoint whole --path orbit
 expect 2 'means nothing' "$eval" --checkpoint whole --dense
 expect 2 'nothere' "$eval" --checkpoint whole --lpips-weights nothere.safetensors
 expect 2 'nowhere' "$eval" --checkpoint whole --set data.test_scenes=nowhere
-expect 2 'another model|shape|has not' "$eval" --checkpoint whole --set model.type=ibrnet
-expect 2 'shape|another' "$eval" --checkpoint whole --set render.channels=4
+expect 2 'another model' "$eval" --checkpoint whole --set model.type=ibrnet
+expect 2 'another model' "$eval" --checkpoint whole --set render.channels=4
+expect 2 'another model' "$eval" --checkpoint whole --set render.heads=1
 expect 2 'render\.sources = 40' "$eval" --checkpoint whole --set render.sources=40
 expect 2 'render\.sources = 40' "$train" tiny.ini --out none --set render.sources=40
 expect 2 'no scenes to train on' "$train" tiny.ini --out none --set data.builtin_scenes=0

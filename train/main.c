@@ -246,7 +246,9 @@ static lf_status resume_found(const arguments *a, const lf_found *found, lf_erro
                                 .resume = found->checkpoint,
                                 .start = state,
                                 .fresh = a->out != NULL};
-    lf_status status = apply_sets(a, cfg, err);
+    lf_status status = lf_config_set_trained(cfg, a->sets, a->set, err);
+    if (status == LF_OK)
+        lf_config_warn(cfg, stderr);
     if (status == LF_OK && !options.out && !a->profile)
         status =
             lf_fail(err, LF_BAD_INPUT, "%s is not in a run's folder: give --out for the new run",
