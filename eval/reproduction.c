@@ -59,29 +59,12 @@ static void print_head(const json_t *settings, FILE *out)
     fputc('\n', out);
 }
 
-/* The cell of a row in its setting number i, of a group or of none; its training setting is put
- * into `train`. */
-static lf_cell cell_at(const json_t *table, const json_t *row, const lf_group *g, size_t i,
-                       char train[static 32])
-{
-    const char *setting = json_string_value(json_array_get(json_object_get(table, "settings"), i));
-    const char *slash = strchr(setting, '/');
-    snprintf(train, 32, "%.*s", (int)(slash - setting), setting);
-    return (lf_cell){lf_text_of(table, "experiment"),
-                     lf_text_of(row, "system"),
-                     g ? g->size : "",
-                     g ? g->data : "",
-                     lf_text_of(row, "category"),
-                     train,
-                     slash + 1};
-}
-
 /* Is there a result in any setting? */
 static bool was_run(const lf_results *r, const json_t *table, const json_t *row, const lf_group *g)
 {
     char train[32];
     for (size_t i = 0; i < json_array_size(json_object_get(table, "settings")); i++) {
-        const lf_cell c = cell_at(table, row, g, i, train);
+        const lf_cell c = lf_cell_at(table, row, g, i, train);
         const lf_moments m = lf_moments_of(r, &c, figure_at(json_object_get(table, "figures"), 0));
         if (m.n + m.lacking > 0)
             return true;
@@ -95,7 +78,7 @@ static void print_row(const lf_results *r, const json_t *table, const json_t *ro
 {
     char train[32];
     for (size_t i = 0; i < json_array_size(json_object_get(table, "settings")); i++) {
-        const lf_cell c = cell_at(table, row, g, i, train);
+        const lf_cell c = lf_cell_at(table, row, g, i, train);
         print_cell(r, &c, json_object_get(table, "figures"), out);
     }
     fputc('\n', out);
@@ -174,6 +157,8 @@ static void print_table(const lf_results *r, const json_t *table, FILE *out)
         }
         print_system(r, table, row, g, groups, out);
     }
+    for (long i = 0; i < groups; i++)
+        lf_results_print_order(r, table, &g[i], out);
     print_pictures(r, table, g, groups, out);
     free(g);
 }

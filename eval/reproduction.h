@@ -46,6 +46,11 @@ typedef struct lf_results {
     lf_result *result; /* by file name */
 } lf_results;
 
+/* One size on one data. */
+typedef struct lf_group {
+    const char *size, *data;
+} lf_group;
+
 /* Read every .json of the folder. LF_BAD_INPUT, naming the file, for what is no JSON, for a key
  * that is missing, unknown or of the wrong type, for two results of one cell and seed, and for
  * seeds of one cell that were trained or tested differently. */
@@ -57,6 +62,12 @@ void lf_results_print(const lf_results *results, FILE *out);
 /* Its last two parts: what the models cost, and how the figures came about. */
 void lf_results_print_counts(const lf_results *results, FILE *out);
 void lf_results_print_runs(const lf_results *results, FILE *out);
+
+/* How far a table's "reference" is above its other systems in the first figure of a group, and what
+ * share of its IoU a system keeps in a setting that it was not trained in; the paper's beside, bold
+ * where the order is another one. Nothing where no two systems were run. */
+void lf_results_print_order(const lf_results *results, const json_t *table, const lf_group *group,
+                            FILE *out);
 
 /* What the front page shows of two tables, in the best size that is there: paper, small, tiny,
  * quick. False, and nothing printed, if neither was run. */

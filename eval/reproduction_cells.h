@@ -29,15 +29,15 @@ int lf_figure_digits(int figure);
 /* The text of a key of a JSON object. */
 const char *lf_text_of(const json_t *object, const char *key);
 
-/* One size on one data. */
-typedef struct lf_group {
-    const char *size, *data;
-} lf_group;
-
 /* 0 quick ... 3 paper; 4: another size. */
 int lf_size_rank(const char *size);
 /* The groups of the cell's results, small sizes first; malloc'd. */
 lf_group *lf_groups_of(const lf_results *results, const lf_cell *cell, long *count);
+
+/* The cell of a row of a table of paper.json in its setting number i, of a group or of none (NULL);
+ * its training setting is put into `train`. */
+lf_cell lf_cell_at(const json_t *table, const json_t *row, const lf_group *group, size_t i,
+                   char train[static 32]);
 
 #ifdef __cplusplus
 }

@@ -218,11 +218,11 @@ static lf_status check_figures(const json_t *figures, lf_error *err)
 static lf_status check_table(json_t *table, lf_error *err)
 {
     json_error_t e;
-    const char *name, *title, *source, *experiment;
+    const char *name, *title, *source, *experiment, *reference = NULL;
     json_t *figures, *settings, *rows;
-    if (json_unpack_ex(table, &e, JSON_STRICT, "{s:s,s:s,s:s,s:s,s:o,s:o,s:o}", "name", &name,
-                       "title", &title, "source", &source, "experiment", &experiment, "figures",
-                       &figures, "settings", &settings, "rows", &rows))
+    if (json_unpack_ex(table, &e, JSON_STRICT, "{s:s,s:s,s:s,s:s,s?s,s:o,s:o,s:o}", "name", &name,
+                       "title", &title, "source", &source, "experiment", &experiment, "reference",
+                       &reference, "figures", &figures, "settings", &settings, "rows", &rows))
         return lf_fail(err, LF_BAD_INPUT, "%s", e.text);
     lf_status status = json_is_array(rows) ? check_figures(figures, err)
                                            : lf_fail(err, LF_BAD_INPUT, "rows must be a list");

@@ -122,6 +122,46 @@ static void test_means_and_spread(void **state)
     free(page);
 }
 
+/* A result of a system on chairs in a setting, IoU alone. */
+static void put_system(const folder *f, const char *system, const char *test, int seed, double iou)
+{
+    char text[1024], name[64];
+    snprintf(
+        text, sizeof text,
+        "{\"experiment\": \"reconstruction\", \"system\": \"%s\", \"config\": \"c\",\n"
+        "\"keys\": \"\", \"size\": \"tiny\", \"size_keys\": \"a.b=1\", \"data\": \"built-in\",\n"
+        "\"category\": \"chair\", \"train_setting\": \"I\", \"eval_setting\": \"%s\",\n"
+        "\"seed\": %d, \"steps\": 10, \"pixels\": 97, \"train_items\": 400, \"test_items\": 40,\n"
+        "\"parameters\": 43633, \"train_seconds\": 1.5, \"peak_rss_mb\": 200, \"commit\":\n"
+        "\"abc\", \"figures\": {\"iou\": %.17g, \"chamfer_l1\": 0.25}}\n",
+        system, test, seed, iou);
+    snprintf(name, sizeof name, "%s-%s-%d.json", system, test, seed);
+    put(f, name, text);
+}
+
+/* 0.6 of seeds 0.5 and 0.7; the spread of a difference is the root of both variances. */
+static void test_who_is_ahead(void **state)
+{
+    const folder *f = *state;
+    char text[2048], *page;
+    const char *experiment = strstr(paper, "\"figures\""), *values = strstr(paper, "\"Theirs\"}");
+    snprintf(text, sizeof text,
+             "%.*s\"reference\": \"ours\", %.*s\"Theirs\", \"values\": [[0.6, 0.1], [0.2, "
+             "0.3]]%s",
+             (int)(experiment - paper), paper, (int)(values - experiment), experiment,
+             values + strlen("\"Theirs\""));
+    put(f, "paper.json", text);
+    put_system(f, "theirs", "I", 0, 0.8);
+    put_system(f, "theirs", "I", 1, 0.6);
+    put_system(f, "theirs", "Z", 0, 0.35);
+    page = page_of(f);
+    assert_has(page, "**Ours** above the others in iou, tiny, built-in:");
+    assert_has(page, "| | above | I/I | I/Z |\n|---|---|---|---|\n"
+                     "| chair | Theirs | **-0.100** ± 0.200 / +0.100 | not run / +0.400 |\n");
+    assert_has(page, "| | | I/Z of I/I |\n|---|---|---|\n| chair | Theirs | 50 % / 33 % |\n\n");
+    free(page);
+}
+
 static void test_one_seed_has_no_spread(void **state)
 {
     put_run(*state, "c.json", "Z", 0, 10, 0.4);
@@ -336,6 +376,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_means_and_spread, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_one_seed_has_no_spread, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_who_is_ahead, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_renderers_and_counts, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_job_replaces_the_page, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_front_page, make_folder, remove_folder),
