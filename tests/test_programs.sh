@@ -322,6 +322,16 @@ interrupt() { # interrupt SIGNAL FOLDER
     wait $process
     code=$?
 }
+"$train" tiny.ini --out early --set data.shapes=4000 >out 2>err & # data for a minute
+process=$!
+for _ in $(seq 2000); do grep -q 'sampling shapes' out && break; sleep 0.01; done
+kill -TERM $process
+wait $process
+code=$?
+[ $code = 130 ] || fail "exit code $code after an interrupt while the data are made"
+grep -q 'before there was anything to save' err || fail "an early interrupt says: $(cat err)"
+[ -e early ] && fail "a run stopped before its first step leaves $(find early)"
+
 interrupt INT stopped 2>/dev/null
 [ $code = 130 ] || fail "exit code $code after Ctrl-C, not 130"
 grep -q 'stopped after step [0-9]* of 400, saved; go on with: elf-train --resume stopped' err || fail "no word on how to go on"

@@ -2,17 +2,26 @@
 #include <getopt.h>
 #include <omp.h>
 #include <signal.h>
+#include <unistd.h>
 
 #include "train/count.h"
 #include "train/openmp.h"
 #include "train/run_dir.h"
 #include "train/trainer.h"
 
-static volatile sig_atomic_t stop_asked; /* the one global: a signal handler has no other way */
+/* The only globals: a signal handler has no other way. */
+static volatile sig_atomic_t stop_asked, steps_begun;
 
 static void on_signal(int number)
 {
+    static const char text[] = "\nelf-train: stopped while making the data, before there was "
+                               "anything to save; the same command begins again\n";
     (void)number;
+    if (!steps_begun) {
+        const ssize_t written = write(STDERR_FILENO, text, sizeof text - 1);
+        (void)written; /* stderr may be closed */
+        _exit(130);
+    }
     stop_asked = 1;
 }
 
@@ -210,6 +219,7 @@ static lf_status train(const arguments *a, const lf_config *cfg, lf_train_option
     options->overfit = a->overfit;
     options->check_finite = a->check_finite;
     options->stop = &stop_asked;
+    options->begun = &steps_begun;
     options->profile = a->profile;
     options->json = a->json;
     catch_signals();

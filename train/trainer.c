@@ -216,6 +216,15 @@ static bool interrupted(const trainer *t)
     return t->options->stop && *t->options->stop;
 }
 
+/* Read or make the data. An interrupt after that is the loop's. */
+static lf_status open_data(trainer *t, lf_error *err)
+{
+    LF_TRY(t->task.open(t->task.self, err));
+    if (t->options->begun)
+        *t->options->begun = 1;
+    return LF_OK;
+}
+
 static lf_status loop(trainer *t, lf_error *err)
 {
     const long steps = lf_config_int(t->cfg, "train.steps");
@@ -293,7 +302,7 @@ static lf_status profile_steps(trainer *t, lf_measured_step *step, lf_error *err
 static lf_status profile(trainer *t, lf_error *err)
 {
     const long steps = t->options->profile;
-    LF_TRY(t->task.open(t->task.self, err));
+    LF_TRY(open_data(t, err));
     t->progress = lf_progress_start(stdout, "step", 0, steps, t->options->quiet);
     lf_measured_step *step = calloc((size_t)steps, sizeof *step);
     LF_REQUIRE(step, "out of memory for %ld steps", steps);
@@ -322,7 +331,7 @@ static lf_status train_all(trainer *t, lf_error *err)
     }
     if (!t->options->quiet)
         printf("run folder: %s\n", t->options->out);
-    LF_TRY(t->task.open(t->task.self, err));
+    LF_TRY(open_data(t, err));
     LF_TRY(open_run(t, err));
     if (!t->options->quiet)
         t->task.print_plan(t->task.self, t->state.step);

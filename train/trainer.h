@@ -18,6 +18,8 @@ typedef struct lf_train_options {
     bool fresh;              /* resume into a new run folder instead of the checkpoint's own */
     bool quiet, overfit, check_finite;
     const volatile sig_atomic_t *stop; /* set by the user's interrupt; may be NULL */
+    volatile sig_atomic_t *begun;      /* set to 1 when the data are made, nothing before that is
+                                        * worth saving; may be NULL */
     long profile;     /* steps to measure (profile_report.h), writing no run; 0: train */
     const char *json; /* where to write the profile, too; or NULL */
 } lf_train_options;
