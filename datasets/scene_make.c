@@ -13,8 +13,12 @@ static const char *const kind_names[] = {"glossy", "diffuse", "forward"};
 
 lf_scene_make_options lf_scene_make_defaults(void)
 {
-    return (lf_scene_make_options){
-        .kind = LF_KIND_GLOSSY, .size = 100, .train_views = 35, .test_views = 5, .rays = 3};
+    return (lf_scene_make_options){.kind = LF_KIND_GLOSSY,
+                                   .size = 100,
+                                   .train_views = 35,
+                                   .test_views = 5,
+                                   .rays = 3,
+                                   .highlight = 1};
 }
 
 const char *lf_scene_kind_name(lf_scene_kind kind)
@@ -177,6 +181,8 @@ static lf_status check(const lf_scene_make_options *o, lf_error *err)
     LF_REQUIRE(o->kind < LF_SCENE_KINDS, "kind %d of a scene", (int)o->kind);
     if (o->size < 8 || o->size > 4096)
         return lf_fail(err, LF_BAD_INPUT, "a built-in scene of %d pixels: 8 to 4096", o->size);
+    if (!(o->highlight >= 0 && o->highlight <= 100))
+        return lf_fail(err, LF_BAD_INPUT, "highlights %g times as strong: 0 to 100", o->highlight);
     if (o->rays < 1 || o->rays > 16)
         return lf_fail(err, LF_BAD_INPUT, "a built-in scene with %d rays an edge: 1 to 16",
                        o->rays);

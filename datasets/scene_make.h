@@ -11,8 +11,8 @@
  *   colour(p,v) = albedo (0.5 + 0.1 n_z + 0.45 max(0, n . l)) + g max(0, v . r)^24
  * n unit normal turned to the viewer, l to the light, r its mirror image at n, v to the viewer;
  * k_j ~ N(0, 7) radians a unit and coordinate, a_j ~ N(0, 0.16) a channel (the walls of a room:
- * half and 0.6 of it, the objects in it all and 0.8); g is 0.3 to 0.7 for GLOSSY where n . l > 0
- * and 0 otherwise, so that there a point looks the same from everywhere. No shadows.
+ * half and 0.6 of it, the objects in it all and 0.8); g is 0.3 to 0.7, times `highlight`, for GLOSSY where
+ * n . l > 0 and 0 otherwise, so that there a point looks the same from everywhere. No shadows.
  *
  * (kind, seed, index) names a scene: the same for every number of threads; view i of a split does
  * not depend on how many there are. GLOSSY and DIFFUSE of one seed and index have the same object,
@@ -40,12 +40,13 @@ typedef struct lf_scene_make_options {
     int size; /* 8 ... 4096: width = height; FORWARD: width, and height = 3/4 of it, made even */
     long train_views, test_views; /* at least 1, at least 0; 10000 together at most */
     int rays;                     /* rays x rays a pixel, 1 ... 16 */
+    double highlight;             /* GLOSSY: times as strong, 0 ... 100; colours end at 1 */
     const char *mesh; /* file of the object (FORWARD: of the first one), y up; NULL: a chair, an
                          airplane or a car of procedural.h by turns of the index, the turns
                          shifted by one after each three */
 } lf_scene_make_options;
 
-/* GLOSSY, seed 0, index 0, 100 pixels, 35 and 5 views, 3 rays, no mesh. */
+/* GLOSSY, seed 0, index 0, 100 pixels, 35 and 5 views, 3 rays, highlight 1, no mesh. */
 lf_scene_make_options lf_scene_make_defaults(void);
 
 /* "glossy", "diffuse", "forward"; LF_BAD_INPUT names them. */

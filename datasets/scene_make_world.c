@@ -84,7 +84,7 @@ static lf_status make_object(lf_world *w, const lf_scene_make_options *o, lf_str
     w->light[1] = sin(rise);
     w->light[2] = cos(rise) * sin(turn);
     const double strength = between(s, 0.3, 0.7);
-    w->highlight = o->kind == LF_KIND_GLOSSY ? strength : 0;
+    w->highlight = o->kind == LF_KIND_GLOSSY ? o->highlight * strength : 0;
     return LF_OK;
 }
 

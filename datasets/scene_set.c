@@ -172,6 +172,7 @@ static lf_status make(long number, const char *mesh, const lf_scene_set_options 
     options.seed = o->seed;
     options.index = (uint64_t)number;
     options.size = o->size;
+    options.highlight = o->highlight;
     options.mesh = mesh;
     if (options.kind == LF_KIND_FORWARD) { /* a patch needs fewer views than a half sphere */
         options.train_views = ROOM_TRAIN;

@@ -58,9 +58,10 @@ typedef struct lf_scene_set_options {
     long builtin;       /* built-in scenes */
     lf_scene_kinds kinds;
     const char
-        *meshes; /* folder of meshes to make them from, all of them; NULL: procedural shapes */
-    long first;  /* number of the first built-in one: other numbers, other scenes */
-    int size;    /* pixels along an edge of their pictures */
+        *meshes;      /* folder of meshes to make them from, all of them; NULL: procedural shapes */
+    long first;       /* number of the first built-in one: other numbers, other scenes */
+    int size;         /* pixels along an edge of their pictures */
+    double highlight; /* of the glossy ones, as in scene_make.h */
     uint64_t seed;
 } lf_scene_set_options;
 

@@ -19,7 +19,7 @@ describe() {
     renderer) config=render-tiny ;;
     ibrnet) config=render-tiny keys="model.type=ibrnet" ;;
     renderer-without-along-ray) config=render-tiny keys="render.along_ray=false" ;;
-    renderer-scalars) config=render-tiny keys="render.types=0" ;;
+    renderer-scalars) config=render-tiny keys="render.types=0 render.channels=16" ;; # of equal parameters
     renderer-wide) config=render-tiny keys="render.channels=8" ;;
     esac
 }
@@ -37,7 +37,7 @@ size_keys() {
             render.fine_samples=64 render.sources=10 eval.sources=10 render.features=32 \
             render.feature_net=resnet34 render.feature_width=64 train.rays=512 ;;
         esac
-        case $size-$1 in paper-renderer-scalars) ;; paper-*) echo render.types=0,2,4,8,16,32,64,128 ;; esac ;;
+        case $size-$1 in paper-renderer-scalars) echo render.channels=28 ;; paper-*) echo render.types=0,2,4,8,16,32,64,128 ;; esac ;;
     *)
         case $size in
         test) echo train.steps=2 data.val_shapes=0 data.shapes=2 data.image_size=33 data.supersample=1 data.draws=1 \

@@ -123,6 +123,29 @@ static void test_kinds_differ(void **state)
     }
 }
 
+/* Without its highlight a glossy scene is the diffuse one; a stronger one only adds light. */
+static void test_highlight(void **state)
+{
+    (void)state;
+    lf_scene_make_options o[3] = {options_of(LF_KIND_DIFFUSE, 4), options_of(LF_KIND_GLOSSY, 4),
+                                  options_of(LF_KIND_GLOSSY, 4)};
+    o[1].highlight = 0;
+    o[2].highlight = 2;
+    lf_scene *none = make(&o[0]), *off = make(&o[1]), *twice = make(&o[2]);
+    for (long v = 0; v < none->views; v++) {
+        const lf_pixels p = hold(none, v), q = hold(off, v), r = hold(twice, v);
+        assert_memory_equal(p.rgb, q.rgb, 3L * SIZE * SIZE);
+        for (long k = 0; k < 3L * SIZE * SIZE; k++)
+            assert_true(r.rgb[k] >= p.rgb[k]);
+        lf_scene_release(none, v);
+        lf_scene_release(off, v);
+        lf_scene_release(twice, v);
+    }
+    lf_scene_close(none);
+    lf_scene_close(off);
+    lf_scene_close(twice);
+}
+
 /* Splits as the header says: 0, 8, ... and what is left at the end. */
 static void test_splits(void **state)
 {
@@ -603,6 +626,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_same_every_time),
         cmocka_unit_test(test_kinds_differ),
+        cmocka_unit_test(test_highlight),
         cmocka_unit_test(test_splits),
         cmocka_unit_test(test_kinds_and_families_are_not_tied),
         cmocka_unit_test(test_objects_fit),

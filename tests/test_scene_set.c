@@ -18,7 +18,8 @@ static lf_scene_set_options usual(void)
                                   .nearness = -1,
                                   .white = -1,
                                   .cache_bytes = 10000000,
-                                  .size = SIZE};
+                                  .size = SIZE,
+                                  .highlight = 1};
 }
 
 static lf_scene_set *open_set(const lf_scene_set_options *o)

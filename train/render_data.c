@@ -40,6 +40,7 @@ static lf_scene_set_options options_of(const lf_config *cfg)
         .kinds = kinds_of(cfg),
         .meshes = text_of(cfg, "data.scene_meshes"),
         .size = (int)lf_config_int(cfg, "data.scene_size"),
+        .highlight = lf_config_real(cfg, "data.highlight"),
     };
 }
 
