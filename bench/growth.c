@@ -61,7 +61,7 @@ typedef struct network {
 
 #define PLAIN                                                                                      \
     "model.backbone=plain", "model.stem_fields=2", "model.stages=2, 1, 1", "model.first_stride=1", \
-        "model.fields=2, 3, 4"
+        "model.fields=2, 3, 4", "model.sample_image=false"
 
 static const network networks[] = {
     {"equivariant", false, {"model.type=equivariant"}},

@@ -273,7 +273,7 @@ static lf_bench_work *open_small(const lf_bench_case *c)
 /* configs/reconstruct-disn.ini, -fvor.ini, -ibrnet.ini: the compared systems. */
 #define PLAIN                                                                                      \
     "data.image_size=97", "model.backbone=plain", "model.stem_fields=2", "model.stages=2, 1, 1",   \
-        "model.first_stride=1", "model.fields=2, 3, 4"
+        "model.first_stride=1", "model.fields=2, 3, 4", "model.sample_image=false"
 
 static lf_bench_work *open_disn(const lf_bench_case *c)
 {
