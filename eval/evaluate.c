@@ -93,6 +93,7 @@ static void free_rows(lf_montage_row *row, long rows)
 
 typedef struct run {
     lf_report report;
+    lf_mean_shape mean; /* of the training split, if the report has it */
     lf_montage_row *row;
     long rows, count;
     long evaluations, dense_evaluations, invalid;
@@ -101,17 +102,21 @@ typedef struct run {
     double started;
 } run;
 
-/* The hull of the same views, scored at the same points. */
-static lf_status score_hull(run *r, const subject *s, const lf_metric_options *metric,
-                            lf_error *err)
+/* A baseline's mesh, scored at the same points. */
+static lf_status score_baseline(run *r, const subject *s, lf_shape_baseline which,
+                                const lf_metric_options *metric, lf_error *err)
 {
-    lf_mesh *hull;
+    const double edge = s->shape.longest_edge;
+    lf_mesh *mesh;
     lf_score score;
-    LF_TRY(lf_hull_mesh(s->loaded, &s->views, s->shape.longest_edge, &hull, err));
-    const lf_status status = lf_score_meshes(hull, s->truth, s->shape.sdf, metric, &score, err);
-    lf_mesh_free(hull);
+    if (which == LF_SHAPE_HULL)
+        LF_TRY(lf_hull_mesh(s->loaded, &s->views, edge, &mesh, err));
+    else
+        LF_TRY(lf_mean_shape_mesh(s->loaded->cfg, &r->mean, edge, &mesh, err));
+    const lf_status status = lf_score_meshes(mesh, s->truth, s->shape.sdf, metric, &score, err);
+    lf_mesh_free(mesh);
     if (status == LF_OK)
-        lf_report_add_hull(&r->report, &score);
+        lf_report_add_baseline(&r->report, which, &score);
     return status;
 }
 
@@ -124,8 +129,9 @@ static lf_status score_shape(run *r, subject *s, long index, lf_error *err)
     lf_score score;
     LF_TRY(lf_score_meshes(s->predicted.mesh, s->truth, s->shape.sdf, &metric, &score, err));
     lf_report_add(&r->report, id, &score, s->predicted.seconds, s->predicted.mesh->faces);
-    if (s->options->baselines)
-        LF_TRY(score_hull(r, s, &metric, err));
+    for (int b = 0; b < LF_SHAPE_BASELINES; b++)
+        if (r->report.has[b])
+            LF_TRY(score_baseline(r, s, (lf_shape_baseline)b, &metric, err));
     r->evaluations += s->predicted.iso.evaluations;
     r->dense_evaluations += s->predicted.iso.dense_evaluations;
     r->invalid += s->predicted.iso.invalid;
@@ -188,6 +194,23 @@ static lf_status score_split(run *r, subject *s, lf_error *err)
     return write_results(r, s->options, err);
 }
 
+/* The training shapes may be elsewhere than the model: then there is no mean of them. */
+static void make_mean(run *r, const lf_config *cfg)
+{
+    const lf_shapes_options data = lf_shapes_options_from(cfg, "train");
+    lf_error why = {""};
+    lf_shapes *shapes;
+    lf_status status = lf_shapes_open(&data, &shapes, &why);
+    if (status == LF_OK) {
+        status = lf_mean_shape_make(shapes, &r->mean, &why);
+        lf_shapes_close(shapes);
+    }
+    r->report.has[LF_SHAPE_MEAN] = status == LF_OK;
+    if (status != LF_OK)
+        fprintf(stderr, "elf-eval: no mean of the training shapes beside the model: %s\n",
+                why.text);
+}
+
 static lf_metric_options metric_options(const lf_config *cfg, bool exact)
 {
     lf_metric_options m = lf_metric_defaults();
@@ -208,7 +231,7 @@ static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o
                         .train_setting = lf_setting_name(loaded->trained),
                         .eval_setting = setting,
                         .split = o->split,
-                        .hulls = o->baselines,
+                        .has = {[LF_SHAPE_HULL] = o->baselines},
                         .metric = metric_options(cfg, o->exact)}};
     if (o->shapes > 0 && o->shapes < r.count)
         r.count = o->shapes;
@@ -216,7 +239,10 @@ static lf_status evaluate_shapes(lf_loaded *loaded, const lf_evaluate_options *o
     s.images = malloc((size_t)(V * c->image_size * c->image_size * c->backbone.in_channels));
     r.row = calloc((size_t)(o->pictures > 0 ? o->pictures : 1), sizeof *r.row);
     LF_REQUIRE(s.images && r.row, "out of memory for views");
+    if (o->baselines)
+        make_mean(&r, cfg);
     const lf_status status = score_split(&r, &s, err);
+    lf_mean_shape_free(&r.mean);
     free_rows(r.row, r.rows);
     free(s.images);
     lf_report_clear(&r.report);

@@ -6,6 +6,7 @@
 #include "configs/configs.h"
 #include "datasets/projection.h"
 #include "eval/isosurface.h"
+#include "eval/mean_shape.h"
 #include "models/recon_work.h"
 
 /* A model loaded from a checkpoint, ready to predict. Its parts refer to each other: never copy it.
@@ -48,6 +49,9 @@ lf_status lf_predicted_mesh(lf_loaded *loaded, const lf_shape_views *views, doub
  * it; the caller frees it. Errors of lf_isosurface. */
 lf_status lf_hull_mesh(const lf_loaded *loaded, const lf_shape_views *views, double longest_edge,
                        lf_mesh **out, lf_error *err);
+/* The mean shape (mean_shape.h) on the same grid, every point of it; the caller frees it. */
+lf_status lf_mean_shape_mesh(const lf_config *cfg, const lf_mean_shape *mean, double longest_edge,
+                             lf_mesh **out, lf_error *err);
 /* The zero level of the true distance on the same grid; the caller frees it. */
 lf_status lf_true_mesh(const lf_config *cfg, const lf_shape *shape, lf_mesh **out, lf_error *err);
 

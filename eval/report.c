@@ -3,6 +3,7 @@
 
 #include "autograd/atomic_file.h"
 #include "eval/hull.h"
+#include "eval/mean_shape.h"
 #include "eval/report.h"
 
 void lf_report_add(lf_report *report, const char *id, const lf_score *score, double seconds,
@@ -24,15 +25,13 @@ void lf_report_add(lf_report *report, const char *id, const lf_score *score, dou
     snprintf(s->id, sizeof s->id, "%s", id);
 }
 
-void lf_report_add_hull(lf_report *report, const lf_score *score)
+void lf_report_add_baseline(lf_report *report, lf_shape_baseline which, const lf_score *score)
 {
-    LF_REQUIRE(report->hulls && report->shapes > 0 && isfinite(score->iou) &&
+    LF_REQUIRE(report->has[which] && report->shapes > 0 && isfinite(score->iou) &&
                    isfinite(score->chamfer_l1),
-               "report: a hull without its shape or figures");
-    lf_report_shape *s = &report->shape[report->shapes - 1];
-    s->hull_iou = score->iou;
-    s->hull_chamfer_l1 = score->chamfer_l1;
-    s->hull_empty = score->empty;
+               "report: a baseline without its shape or figures");
+    report->shape[report->shapes - 1].baseline[which] =
+        (lf_shape_baseline_score){score->iou, score->chamfer_l1, score->empty};
 }
 
 void lf_report_clear(lf_report *report)
@@ -52,9 +51,11 @@ lf_report_means lf_report_mean(const lf_report *report)
         m.chamfer_l1 += s->chamfer_l1 / n;
         m.seconds += s->seconds / n;
         m.empty += s->empty;
-        m.hull_iou += s->hull_iou / n;
-        m.hull_chamfer_l1 += s->hull_chamfer_l1 / n;
-        m.hull_empty += s->hull_empty;
+        for (int b = 0; b < LF_SHAPE_BASELINES; b++) {
+            m.baseline[b].iou += s->baseline[b].iou / n;
+            m.baseline[b].chamfer_l1 += s->baseline[b].chamfer_l1 / n;
+            m.baseline[b].empty += s->baseline[b].empty;
+        }
     }
     return m;
 }
@@ -96,31 +97,45 @@ json_t *lf_metric_json(const lf_metric_options *options)
         "seed", (json_int_t)options->seed);
 }
 
-/* {"hull": {iou, chamfer_l1, empty}}, or null for the hull where the report has none. */
-static json_t *baselines_json(const lf_report *report, double iou, double chamfer_l1, json_t *empty)
+static const char *const baseline_key[LF_SHAPE_BASELINES] = {"hull", "mean_shape"};
+static const char *const baseline_name[LF_SHAPE_BASELINES] = {"visual hull of the same views",
+                                                              "mean shape of the training split"};
+
+/* {"hull": {iou, chamfer_l1, empty}, ...}, null for what the report has not; of one shape `empty`
+ * is true or false. */
+static json_t *baselines_json(const lf_report *report, const lf_shape_baseline_score *score,
+                              bool one)
 {
-    if (!report->hulls) {
-        json_decref(empty);
-        return json_pack("{s:n}", "hull");
+    json_t *json = json_object();
+    for (int b = 0; b < LF_SHAPE_BASELINES; b++) {
+        const lf_shape_baseline_score *s = &score[b];
+        json_t *empty = one ? json_boolean(s->empty) : json_integer(s->empty);
+        json_t *figures = json_pack("{s:f,s:f,s:o}", "iou", s->iou, "chamfer_l1",
+                                    LF_CHAMFER_FACTOR * s->chamfer_l1, "empty", empty);
+        if (!report->has[b]) {
+            json_decref(figures);
+            figures = json_null();
+        }
+        json_object_set_new(json, baseline_key[b], figures);
     }
-    return json_pack("{s:{s:f,s:f,s:o}}", "hull", "iou", iou, "chamfer_l1",
-                     LF_CHAMFER_FACTOR * chamfer_l1, "empty", empty);
+    return json;
 }
 
 static json_t *shape_json(const lf_report *report, const lf_report_shape *s)
 {
-    return json_pack(
-        "{s:o,s:f,s:f,s:f,s:I,s:b,s:o}", "id", json_text(s->id), "iou", s->iou, "chamfer_l1",
-        LF_CHAMFER_FACTOR * s->chamfer_l1, "seconds", s->seconds, "faces", (json_int_t)s->faces,
-        "empty", (int)s->empty, "baselines",
-        baselines_json(report, s->hull_iou, s->hull_chamfer_l1, json_boolean(s->hull_empty)));
+    return json_pack("{s:o,s:f,s:f,s:f,s:I,s:b,s:o}", "id", json_text(s->id), "iou", s->iou,
+                     "chamfer_l1", LF_CHAMFER_FACTOR * s->chamfer_l1, "seconds", s->seconds,
+                     "faces", (json_int_t)s->faces, "empty", (int)s->empty, "baselines",
+                     baselines_json(report, s->baseline, true));
 }
 
 json_t *lf_report_json(const lf_report *report)
 {
     const lf_report_means m = lf_report_mean(report);
     json_t *shapes = json_array(), *metric = lf_metric_json(&report->metric);
-    json_object_set_new(metric, "baselines", json_pack("{s:s}", "hull", lf_hull_text()));
+    json_object_set_new(
+        metric, "baselines",
+        json_pack("{s:s,s:s}", "hull", lf_hull_text(), "mean_shape", lf_mean_shape_text()));
     for (long i = 0; i < report->shapes; i++)
         json_array_append_new(shapes, shape_json(report, &report->shape[i]));
     return json_pack(
@@ -131,8 +146,7 @@ json_t *lf_report_json(const lf_report *report)
         "shapes", (json_int_t)report->shapes, "iou", m.iou, "chamfer_l1",
         LF_CHAMFER_FACTOR * m.chamfer_l1, "seconds_per_shape", m.seconds, "peak_rss_mb",
         report->peak_rss_mb, "empty", (json_int_t)m.empty, "baselines",
-        baselines_json(report, m.hull_iou, m.hull_chamfer_l1, json_integer(m.hull_empty)), "metric",
-        metric, "per_shape", shapes);
+        baselines_json(report, m.baseline, false), "metric", metric, "per_shape", shapes);
 }
 
 lf_status lf_json_write(const char *path, const json_t *json, lf_error *err)
@@ -178,9 +192,11 @@ void lf_report_print(const lf_report *report, FILE *out)
     snprintf(note, sizeof note, "%ld shape%s, %ld empty", report->shapes,
              report->shapes == 1 ? "" : "s", m.empty);
     print_line(out, "mean", m.iou, m.chamfer_l1, m.seconds, note);
-    if (report->hulls)
-        fprintf(out, "visual hull of the same views: IoU %.4f, Chamfer x10 %.4f, %ld empty\n",
-                m.hull_iou, LF_CHAMFER_FACTOR * m.hull_chamfer_l1, m.hull_empty);
+    for (int b = 0; b < LF_SHAPE_BASELINES; b++)
+        if (report->has[b])
+            fprintf(out, "%s: IoU %.4f, Chamfer x10 %.4f, %ld empty\n", baseline_name[b],
+                    m.baseline[b].iou, LF_CHAMFER_FACTOR * m.baseline[b].chamfer_l1,
+                    m.baseline[b].empty);
     fprintf(out,
             "IoU over %ld points, Chamfer-L1 from %ld samples a side, in tenths of the true "
             "shape's longest box edge\n",

@@ -1,9 +1,9 @@
 /* report.h: the figures of an evaluation as JSON and as a table; docs/formats.md has the format.
  *
  * JSON keys: experiment, model, category, train_setting, eval_setting, split, shapes, iou,
- * chamfer_l1, seconds_per_shape, peak_rss_mb, empty, baselines{hull}, metric, per_shape[{id,
- * iou, chamfer_l1, seconds, faces, empty, baselines{hull}}]. iou, chamfer_l1 and seconds_per_shape
- * are plain means over all shapes; an empty prediction counts with the worst value. chamfer_l1 is
+ * chamfer_l1, seconds_per_shape, peak_rss_mb, empty, baselines{hull, mean_shape}, metric,
+ * per_shape[{id, iou, chamfer_l1, seconds, faces, empty, baselines{hull, mean_shape}}]. iou,
+ * chamfer_l1 and seconds_per_shape are plain means over all shapes; an empty prediction counts with the worst value. chamfer_l1 is
  * times LF_CHAMFER_FACTOR (10) here and nowhere else; `metric` holds the definitions.
  */
 #ifndef LF_EVAL_REPORT_H
@@ -20,6 +20,18 @@
 extern "C" {
 #endif
 
+/* Reconstructions that learn nothing, scored beside the model's. */
+typedef enum lf_shape_baseline {
+    LF_SHAPE_HULL, /* hull.h */
+    LF_SHAPE_MEAN, /* mean_shape.h */
+    LF_SHAPE_BASELINES
+} lf_shape_baseline;
+
+typedef struct lf_shape_baseline_score {
+    double iou, chamfer_l1; /* as lf_score has it, not times 10 */
+    long empty;             /* of a shape: 1 or 0 */
+} lf_shape_baseline_score;
+
 typedef struct lf_report_shape {
     char id[128]; /* UTF-8; longer names are cut */
     double iou;
@@ -27,8 +39,7 @@ typedef struct lf_report_shape {
     double seconds;    /* from views to mesh */
     long faces;
     bool empty;
-    double hull_iou, hull_chamfer_l1; /* of the visual hull, if the report has hulls */
-    bool hull_empty;
+    lf_shape_baseline_score baseline[LF_SHAPE_BASELINES]; /* those that the report has */
 } lf_report_shape;
 
 /* Fill the strings (borrowed; NULL is written as "") and the options; shapes come by lf_report_add.
@@ -37,22 +48,22 @@ typedef struct lf_report {
     const char *experiment, *model, *category, *train_setting, *eval_setting, *split;
     double peak_rss_mb;
     lf_metric_options metric;
-    bool hulls; /* every shape gets the score of its visual hull */
+    bool has[LF_SHAPE_BASELINES]; /* every shape gets the score of these */
     long shapes, room;
     lf_report_shape *shape;
 } lf_report;
 
 typedef struct lf_report_means {
     double iou, chamfer_l1 /* not times 10 */, seconds;
-    double hull_iou, hull_chamfer_l1; /* if the report has hulls */
-    long empty, hull_empty;
+    long empty;
+    lf_shape_baseline_score baseline[LF_SHAPE_BASELINES]; /* those that the report has */
 } lf_report_means;
 
 /* Append one shape; the figures must be finite. */
 void lf_report_add(lf_report *report, const char *id, const lf_score *score, double seconds,
                    long faces);
-/* The score of the visual hull of the shape added last; the report must have hulls. */
-void lf_report_add_hull(lf_report *report, const lf_score *score);
+/* A baseline's score on the shape added last; the report must have that baseline. */
+void lf_report_add_baseline(lf_report *report, lf_shape_baseline which, const lf_score *score);
 /* Free the shapes; the report may be filled again. */
 void lf_report_clear(lf_report *report);
 /* Means over all shapes; zeros if there is none. */

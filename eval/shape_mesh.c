@@ -68,6 +68,13 @@ lf_status lf_hull_mesh(const lf_loaded *loaded, const lf_shape_views *views, dou
     return lf_isosurface(&options, lf_hull_field, &hull, out, NULL, err);
 }
 
+lf_status lf_mean_shape_mesh(const lf_config *cfg, const lf_mean_shape *mean, double longest_edge,
+                             lf_mesh **out, lf_error *err)
+{
+    const lf_iso_options options = iso_options(cfg, longest_edge, true);
+    return lf_isosurface(&options, lf_mean_shape_field, (void *)(uintptr_t)mean, out, NULL, err);
+}
+
 lf_status lf_true_mesh(const lf_config *cfg, const lf_shape *shape, lf_mesh **out, lf_error *err)
 {
     const lf_iso_options options = iso_options(cfg, shape->longest_edge, false);

@@ -141,12 +141,14 @@ done
 grep -q '"eval_setting": "Z"' e.json && grep -q '"shapes": 2' e.json || fail "wrong report: $(cat e.json)"
 ls meshes/*-predicted.ply meshes/*-true.ply meshes/montage.png >/dev/null || fail "no meshes or no picture"
 expect 0 'visual hull of the same views: IoU 0\.[0-9]*[1-9], Chamfer' "$eval" --checkpoint run --setting Z --json with.json
+grep -q 'mean shape of the training split: IoU 0\.[0-9]*[1-9], Chamfer' out || fail "no mean shape: $(cat out)"
 expect 0 'IoU over 1000 points' "$eval" --checkpoint run --setting Z --no-baselines --json without.json
-grep -q 'visual hull' out && fail "a hull with --no-baselines"
-[ "$(grep -c '"hull": null' without.json)" = 3 ] || fail "wrong hulls in the report: $(cat without.json)"
+grep -q 'visual hull\|mean shape' out && fail "a baseline with --no-baselines"
+[ "$(grep -c '"hull": null' without.json)" = 3 ] && [ "$(grep -c '"mean_shape": null' without.json)" = 3 ] ||
+    fail "wrong baselines in the report: $(cat without.json)"
 for key in iou chamfer_l1 empty; do
     [ "$(grep "^  \"$key\":" with.json)" = "$(grep "^  \"$key\":" without.json)" ] ||
-        fail "$key changes with the hull"
+        fail "$key changes with the baselines"
 done
 truth=$(ls meshes/*-true.ply | head -1)
 expect 0 '"iou": 1,|"iou": 1\.0' "$eval" compare-meshes "$truth" "$truth" --samples 2000

@@ -107,7 +107,9 @@ static void report_has_its_keys(void **state)
     assert_true(json_is_false(json_object_get(first, "empty")));
     assert_string_equal(json_string_value(json_object_get(second, "id")), "caf?");
     assert_true(json_is_true(json_object_get(second, "empty")));
-    assert_true(json_is_null(json_object_get(json_object_get(json, "baselines"), "hull")));
+    const json_t *baselines = json_object_get(json, "baselines");
+    assert_true(json_is_null(json_object_get(baselines, "hull")));
+    assert_true(json_is_null(json_object_get(baselines, "mean_shape")));
     const json_t *chamfer = json_object_get(json_object_get(json, "metric"), "chamfer_l1");
     assert_close(number(chamfer, "factor"), 10, 0, 0);
     assert_close(number(chamfer, "samples"), 100000, 0, 0);
@@ -116,18 +118,19 @@ static void report_has_its_keys(void **state)
     lf_report_clear(&r);
 }
 
-/* The hulls' figures are means of their own, below the model's, which stay as they are. */
-static void hulls_are_reported(void **state)
+/* The baselines' figures are means of their own, below the model's, which stay as they are. */
+static void baselines_are_reported(void **state)
 {
     (void)state;
     lf_report r = example();
     lf_report_clear(&r);
-    r.hulls = true;
+    r.has[LF_SHAPE_HULL] = r.has[LF_SHAPE_MEAN] = true;
     const lf_score score[2] = {{.iou = 0.8, .chamfer_l1 = 0.02},
                                {.chamfer_l1 = LF_CHAMFER_EMPTY, .empty = true}};
     for (int i = 0; i < 2; i++) {
         lf_report_add(&r, "one", &score[0], 1, 1);
-        lf_report_add_hull(&r, &score[i]);
+        lf_report_add_baseline(&r, LF_SHAPE_HULL, &score[i]);
+        lf_report_add_baseline(&r, LF_SHAPE_MEAN, &score[0]);
     }
     json_t *json = lf_report_json(&r);
     const json_t *hull = json_object_get(json_object_get(json, "baselines"), "hull");
@@ -141,9 +144,13 @@ static void hulls_are_reported(void **state)
     assert_close(number(hull, "iou"), 0, 0, 0);
     assert_non_null(
         json_object_get(json_object_get(json_object_get(json, "metric"), "baselines"), "hull"));
+    const json_t *mean = json_object_get(json_object_get(json, "baselines"), "mean_shape");
+    assert_close(number(mean, "iou"), 0.8, 1e-12, 0);
+    assert_close(number(mean, "empty"), 0, 0, 0);
     json_decref(json);
     char *text = printed(&r);
     assert_non_null(strstr(text, "views: IoU 0.4000, Chamfer x10 8.7603, 1 empty"));
+    assert_non_null(strstr(text, "training split: IoU 0.8000, Chamfer x10 0.2000, 0 empty"));
     free(text);
     lf_report_clear(&r);
 }
@@ -313,9 +320,12 @@ int main(void)
 {
 #define WITH_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, remove_folder)
     const struct CMUnitTest tests[] = {
-        WITH_FOLDER(report_has_its_keys),     WITH_FOLDER(report_is_atomic),
-        cmocka_unit_test(hulls_are_reported), cmocka_unit_test(table_is_printed),
-        WITH_FOLDER(meshes_are_compared),     WITH_FOLDER(bad_files_are_refused),
+        WITH_FOLDER(report_has_its_keys),
+        WITH_FOLDER(report_is_atomic),
+        cmocka_unit_test(baselines_are_reported),
+        cmocka_unit_test(table_is_printed),
+        WITH_FOLDER(meshes_are_compared),
+        WITH_FOLDER(bad_files_are_refused),
         WITH_FOLDER(montage_is_drawn),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
