@@ -76,7 +76,7 @@ static bool of_network(const char *key)
     for (size_t i = 0; i < sizeof use / sizeof *use; i++)
         if (!strcmp(key, use[i]))
             return false;
-    return !strncmp(key, "model.", 6) || !strncmp(key, "render.", 7);
+    return !strncmp(key, "model.", 6) || !strncmp(key, "render.", 7) || !strcmp(key, "loss.scale");
 }
 
 lf_status lf_config_set_trained(lf_config *cfg, int n, const char *const *assignment, lf_error *err)
@@ -90,14 +90,15 @@ lf_status lf_config_set_trained(lf_config *cfg, int n, const char *const *assign
     for (int i = 0; status == LF_OK && i < lf_schema_size; i++) {
         const lf_key *key = &lf_schema[i];
         char was[256], is[256];
+        if (!of_network(key->name))
+            continue;
         lf_value_print(key, &cfg->value[i], was);
         lf_value_print(key, &changed.value[i], is);
-        if (of_network(key->name) && strcmp(was, is) != 0)
-            status =
-                lf_fail(err, LF_BAD_INPUT,
-                        "--set %s=%s: the network was trained with %s; the key makes it another "
-                        "model, which has to be trained itself",
-                        key->name, is, was);
+        if (strcmp(was, is) != 0)
+            status = lf_fail(err, LF_BAD_INPUT,
+                             "--set %s=%s: the network was trained with %s, and another value is "
+                             "another model: leave it out, or train that one from a config",
+                             key->name, is, was);
     }
     if (status == LF_OK)
         status = lf_config_check(&changed, err);

@@ -47,9 +47,10 @@ lf_status lf_config_parse_text(const char *text, const char *name, lf_config **o
 /* Override one key: "section.key=value" ("--set" stands for the file in messages). */
 lf_status lf_config_set(lf_config *cfg, const char *assignment, lf_error *err);
 
-/* The overrides of a trained network's config, then lf_config_check. LF_BAD_INPUT also for a key that
- * says what the network is and that would change: all of [model] but norm_momentum, all of [render] but
- * sources, samples and fine_samples. The parameters may fit either value (heads, smoothing). */
+/* The overrides of a trained network's config, then lf_config_check. LF_BAD_INPUT also for a key
+ * that says what the network is and that would change: all of [model] but norm_momentum, all of
+ * [render] but sources, samples and fine_samples, and loss.scale. The parameters may fit either
+ * value (heads, smoothing). */
 lf_status lf_config_set_trained(lf_config *cfg, int n, const char *const *assignment,
                                 lf_error *err);
 

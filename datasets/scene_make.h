@@ -11,8 +11,9 @@
  *   colour(p,v) = albedo (0.5 + 0.1 n_z + 0.45 max(0, n . l)) + g max(0, v . r)^24
  * n unit normal turned to the viewer, l to the light, r its mirror image at n, v to the viewer;
  * k_j ~ N(0, 7) radians a unit and coordinate, a_j ~ N(0, 0.16) a channel (the walls of a room:
- * half and 0.6 of it, the objects in it all and 0.8); g is 0.3 to 0.7, times `highlight`, for GLOSSY where
- * n . l > 0 and 0 otherwise, so that there a point looks the same from everywhere. No shadows.
+ * half and 0.6 of it, the objects in it all and 0.8); g is 0.3 to 0.7, times `highlight`, for
+ * GLOSSY where n . l > 0 and 0 otherwise, so that there a point looks the same from everywhere. No
+ * shadows.
  *
  * (kind, seed, index) names a scene: the same for every number of threads; view i of a split does
  * not depend on how many there are. GLOSSY and DIFFUSE of one seed and index have the same object,

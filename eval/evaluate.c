@@ -207,7 +207,9 @@ static void make_mean(run *r, const lf_config *cfg)
     }
     r->report.has[LF_SHAPE_MEAN] = status == LF_OK;
     if (status != LF_OK)
-        fprintf(stderr, "elf-eval: no mean of the training shapes beside the model: %s\n",
+        fprintf(stderr,
+                "elf-eval: no mean of the training shapes beside the model: %s (give data.root, or "
+                "--no-baselines)\n",
                 why.text);
 }
 

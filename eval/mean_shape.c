@@ -1,11 +1,14 @@
 /* mean_shape.c: see mean_shape.h. */
+#include <math.h>
+
 #include "eval/mean_shape.h"
 
 enum { N = LF_MEAN_NODES, NODES = N * N * N, LEVELS = 19 };
 
 const char *lf_mean_shape_text(void)
 {
-    return "mean of up to 64 shapes of the training split: inside is what at least so many of them "
+    return "mean of up to 64 shapes of the training split: inside is what more than so many of "
+           "them "
            "contain, the share with the largest IoU over them; it sees no view, stands in the "
            "object's frame, and is scored as the prediction is";
 }
@@ -52,16 +55,22 @@ static lf_status look(const lf_shapes *shapes, long used, uint8_t *inside, lf_er
     return status;
 }
 
+/* Near 0.05 number, and no share of a node: neighbours of equal shares are not on the level. */
+static double level_at(int number, long shapes)
+{
+    return (floor(0.05 * number * (double)shapes) + 0.5) / (double)shapes;
+}
+
 static double best_level(const lf_mean_shape *mean, const uint8_t *inside)
 {
     double best = -1, level = 0;
     for (int l = 1; l <= LEVELS; l++) {
         double iou = 0;
         for (long k = 0; k < mean->shapes; k++)
-            iou += iou_of(inside + k * NODES, mean->share, 0.05 * l);
+            iou += iou_of(inside + k * NODES, mean->share, level_at(l, mean->shapes));
         if (iou > best) {
             best = iou;
-            level = 0.05 * l;
+            level = level_at(l, mean->shapes);
         }
     }
     return level;

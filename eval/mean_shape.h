@@ -2,9 +2,10 @@
  *
  * Of up to LF_MEAN_SHAPES shapes, evenly over the split's list, the share s(p) that has p inside,
  * on LF_MEAN_NODES^3 nodes of the cube [-1/2, 1/2]^3, which no normalised shape leaves; trilinear
- * between the nodes, 0 beyond the cube. The mean shape is where s > level, the level of 0.05, 0.10,
- * ..., 0.95 whose IoU with those shapes, over the nodes, is largest on average (the lowest of
- * equals). Field: level - s, no distance, so extract it with lf_iso_options.dense.
+ * between the nodes, 0 beyond the cube. The mean shape is where s > level, the level
+ * near 0.05, 0.10, ..., 0.95 (halfway between two shares that nodes can have) whose IoU with those
+ * shapes, over the nodes, is largest on average (the lowest of equals). Field: level - s, no
+ * distance, so extract it with lf_iso_options.dense.
  *
  * All shapes stand in the object's frame: this is what a system that is told its pose in that frame
  * can answer without looking.

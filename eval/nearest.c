@@ -83,7 +83,7 @@ typedef struct query {
     double best, outside[3];
 } query;
 
-/* Distances are numbers, so fmin's care for NaN, a call each, is not needed: 2 % of an evaluation. */
+/* Distances are numbers: fmin's care for NaN, a call each, is 2 % of an evaluation. */
 static double smaller(double a, double b)
 {
     return b < a ? b : a;

@@ -3,8 +3,9 @@
  * JSON keys: experiment, model, category, train_setting, eval_setting, split, shapes, iou,
  * chamfer_l1, seconds_per_shape, peak_rss_mb, empty, baselines{hull, mean_shape}, metric,
  * per_shape[{id, iou, chamfer_l1, seconds, faces, empty, baselines{hull, mean_shape}}]. iou,
- * chamfer_l1 and seconds_per_shape are plain means over all shapes; an empty prediction counts with the worst value. chamfer_l1 is
- * times LF_CHAMFER_FACTOR (10) here and nowhere else; `metric` holds the definitions.
+ * chamfer_l1 and seconds_per_shape are plain means over all shapes; an empty prediction counts
+ * with the worst value. chamfer_l1 is times LF_CHAMFER_FACTOR (10) here and nowhere else; `metric`
+ * holds the definitions.
  */
 #ifndef LF_EVAL_REPORT_H
 #define LF_EVAL_REPORT_H

@@ -183,9 +183,8 @@ static void print_intro(FILE *out)
         "lpips, pixel_variance (0 ... 255): less is. ± is the sample standard deviation over "
         "seeds, where\n"
         "there are two or more. \"not run\": no result yet; sizes and data of which a system has "
-        "no result "
-        "at all\n"
-        "have no row. –: not in the paper, or not available (lpips without its weights).\n",
+        "no result at all\nhave no row. –: not in the paper, or not available (lpips without its "
+        "weights).\n",
         out);
 }
 

@@ -2,9 +2,10 @@
  *
  * A folder holds results, a small JSON object a file, and paper.json, which says what tables there
  * are and what the paper has in them; docs/formats.md has the keys of both. Results of a cell that
- * differ in their seed alone are joined: mean and sample standard deviation (divisor n - 1). A cell
- * without a result says "not run"; a size and data of which a system has none at all has no row. All is in the order of paper.json and of the files' names, so
- * the page does not depend on the order in which the runs came.
+ * differ in their seed alone are joined: mean and sample standard deviation (divisor n - 1). A
+ * cell without a result says "not run"; a size and data of which a system has none at all has no
+ * row. All is in the order of paper.json and of the files' names, so the page does not depend on
+ * the order in which the runs came.
  */
 #ifndef LF_EVAL_REPRODUCTION_H
 #define LF_EVAL_REPRODUCTION_H
@@ -65,7 +66,7 @@ void lf_results_print_runs(const lf_results *results, FILE *out);
 
 /* How far a table's "reference" is above its other systems in the first figure of a group, and what
  * share of its IoU a system keeps in a setting that it was not trained in; the paper's beside, bold
- * where the order is another one. Nothing where no two systems were run. */
+ * where the order is another one. Nothing where the reference and another system were not run. */
 void lf_results_print_order(const lf_results *results, const json_t *table, const lf_group *group,
                             FILE *out);
 

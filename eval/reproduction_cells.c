@@ -89,10 +89,10 @@ const char *lf_text_of(const json_t *object, const char *key)
     return json_string_value(json_object_get(object, key));
 }
 
-/* ---- cells of a table of paper.json ------------------------------------------------------------- */
+/* ---- cells of a table of paper.json ------------------------------------------------------------ */
 
 lf_cell lf_cell_at(const json_t *table, const json_t *row, const lf_group *g, size_t i,
-                   char train[static 32])
+                   char train[32])
 {
     const char *setting = json_string_value(json_array_get(json_object_get(table, "settings"), i));
     const char *slash = strchr(setting, '/');

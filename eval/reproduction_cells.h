@@ -37,7 +37,7 @@ lf_group *lf_groups_of(const lf_results *results, const lf_cell *cell, long *cou
 /* The cell of a row of a table of paper.json in its setting number i, of a group or of none (NULL);
  * its training setting is put into `train`. */
 lf_cell lf_cell_at(const json_t *table, const json_t *row, const lf_group *group, size_t i,
-                   char train[static 32]);
+                   char train[32]);
 
 #ifdef __cplusplus
 }

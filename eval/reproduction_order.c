@@ -11,13 +11,17 @@ static int first_figure(const json_t *table)
         json_string_value(json_array_get(json_object_get(table, "figures"), 0)));
 }
 
-/* n = 0: not run. */
 static lf_moments ours(const lf_results *r, const json_t *table, const json_t *row,
                        const lf_group *g, size_t setting)
 {
     char train[32];
     const lf_cell c = lf_cell_at(table, row, g, setting, train);
     return lf_moments_of(r, &c, first_figure(table));
+}
+
+static bool was_run(const lf_moments *m)
+{
+    return m->n + m->lacking > 0;
 }
 
 /* NaN: not in the paper. */
@@ -55,13 +59,17 @@ static void print_lead(const lf_results *r, const json_t *table, const json_t *r
     const lf_moments a = ours(r, table, reference, g, setting), b = ours(r, table, row, g, setting);
     const double paper = papers(reference, setting) - papers(row, setting), lead = a.mean - b.mean;
     const int digits = lf_figure_digits(first_figure(table));
-    if (a.n == 0 || b.n == 0) {
+    if (!was_run(&a) || !was_run(&b)) {
         fputs(" not run /", out);
+    } else if (a.lacking || b.lacking) {
+        fputs(" – /", out);
     } else {
-        const char *bold = lead * paper < 0 ? "**" : "";
+        const bool spread = a.n > 1 && b.n > 1;
+        const double noise = spread ? hypot(a.deviation, b.deviation) : 0.5 * pow(10, -digits);
+        const char *bold = lead * paper < 0 && fabs(lead) > noise ? "**" : "";
         fprintf(out, " %s%+.*f%s", bold, digits, lead, bold);
-        if (a.n > 1 && b.n > 1)
-            fprintf(out, " ± %.*f", digits, hypot(a.deviation, b.deviation));
+        if (spread)
+            fprintf(out, " ± %.*f", digits, noise);
         fputs(" /", out);
     }
     if (isnan(paper))
@@ -87,17 +95,20 @@ static void print_leads(const lf_results *r, const json_t *table, const lf_group
 {
     const json_t *rows = json_object_get(table, "rows"),
                  *settings = json_object_get(table, "settings");
-    const char *heading = NULL;
+    bool any = false;
     for (size_t i = 0; i < json_array_size(rows); i++) {
         const json_t *row = json_array_get(rows, i);
         if (!comparable(r, table, row, g))
             continue;
-        if (!heading) {
-            heading = lf_text_of(reference_of(table, row), "label");
+        if (!any) {
             fprintf(out,
-                    "\n**%s** above the others in %s, %s, %s: difference of the means, elf / the "
-                    "paper; bold: of the\nother sign than the paper's.\n\n| | above |",
-                    heading, lf_result_figure[first_figure(table)], g->size, g->data);
+                    "\n**%s** above the others in %s: difference of the means, elf / the paper; ± "
+                    "is the root of the sum\nof both variances; bold: of the other sign than the "
+                    "paper's, and beyond ±. Without ± (one seed) a small\ndifference says "
+                    "nothing.\n\n| | above |",
+                    lf_text_of(reference_of(table, row), "label"),
+                    lf_result_figure[first_figure(table)]);
+            any = true;
             for (size_t k = 0; k < json_array_size(settings); k++)
                 fprintf(out, " %s |", json_string_value(json_array_get(settings, k)));
             fputs("\n|---|---|", out);
@@ -139,14 +150,16 @@ static void print_kept_row(const lf_results *r, const json_t *table, const json_
             continue;
         const lf_moments a = ours(r, table, row, g, i), b = ours(r, table, row, g, (size_t)own);
         const double paper = papers(row, i) / papers(row, (size_t)own);
-        if (a.n && b.n)
-            fprintf(out, " %.0f %% /", 100 * a.mean / b.mean);
-        else
+        if (!was_run(&a) || !was_run(&b))
             fputs(" not run /", out);
-        if (isnan(paper))
-            fputs(" – |", out);
+        else if (a.lacking || b.lacking || !(b.mean > 0))
+            fputs(" – /", out);
         else
+            fprintf(out, " %.0f %% /", 100 * a.mean / b.mean);
+        if (isfinite(paper))
             fprintf(out, " %.0f %% |", 100 * paper);
+        else
+            fputs(" – |", out);
     }
     fputc('\n', out);
 }
@@ -172,10 +185,8 @@ static void print_kept(const lf_results *r, const json_t *table, const lf_group 
             continue;
         if (!heading) {
             int columns = 0;
-            fprintf(out,
-                    "\nShare of the iou kept in settings not trained in, %s, %s: elf / the "
-                    "paper.\n\n| | |",
-                    g->size, g->data);
+            fputs("\nShare of the iou kept in settings not trained in: elf / the paper.\n\n| | |",
+                  out);
             for (size_t k = 0; k < json_array_size(settings); k++) {
                 const int own = own_setting(settings, k);
                 if (own < 0)
@@ -196,6 +207,13 @@ static void print_kept(const lf_results *r, const json_t *table, const lf_group 
 
 void lf_results_print_order(const lf_results *r, const json_t *table, const lf_group *g, FILE *out)
 {
+    const json_t *rows = json_object_get(table, "rows");
+    bool any = false;
+    for (size_t i = 0; i < json_array_size(rows); i++)
+        any = any || comparable(r, table, json_array_get(rows, i), g);
+    if (!any)
+        return;
+    fprintf(out, "\n### Order of the systems: %s, %s\n", g->size, g->data);
     print_leads(r, table, g, out);
     if (strcmp(lf_result_figure[first_figure(table)], "iou") == 0)
         print_kept(r, table, g, out);

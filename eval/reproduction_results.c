@@ -231,6 +231,13 @@ static lf_status check_table(json_t *table, lf_error *err)
     for (size_t i = 0; status == LF_OK && i < json_array_size(settings); i++)
         if (!strchr(json_string_value(json_array_get(settings, i)), '/'))
             status = lf_fail(err, LF_BAD_INPUT, "settings: write training/test, as I/Z");
+    bool found = !reference;
+    for (size_t i = 0; status == LF_OK && !found && i < json_array_size(rows); i++)
+        found = json_string_value(json_object_get(json_array_get(rows, i), "system")) &&
+                strcmp(json_string_value(json_object_get(json_array_get(rows, i), "system")),
+                       reference) == 0;
+    if (status == LF_OK && !found)
+        status = lf_fail(err, LF_BAD_INPUT, "reference \"%s\" has no row", reference);
     for (size_t i = 0; status == LF_OK && i < json_array_size(rows); i++)
         status = check_row(json_array_get(rows, i), json_array_size(settings),
                            json_array_size(figures), err);

@@ -19,7 +19,7 @@ describe() {
     renderer) config=render-tiny ;;
     ibrnet) config=render-tiny keys="model.type=ibrnet" ;;
     renderer-without-along-ray) config=render-tiny keys="render.along_ray=false" ;;
-    renderer-scalars) config=render-tiny keys="render.types=0 render.channels=16" ;; # of equal parameters
+    renderer-scalars) config=render-tiny keys="render.types=0 render.channels=16" ;; # of about equal parameters
     renderer-wide) config=render-tiny keys="render.channels=8" ;;
     esac
 }

@@ -16,9 +16,10 @@ typedef struct kind {
 /* Either backbone. */
 #define WITH(keys) keys ";model.backbone=plain", keys ";model.backbone=c8"
 static const kind kinds[] = {
-    {"disn", WITH("model.type=disn"), .rolls = true, .turned = true, .shifted = true},
+    {"disn", WITH("model.type=disn;model.sample_image=false"), .rolls = true, .turned = true,
+     .shifted = true},
     /* its backbone sees the coordinates of the pixels */
-    {"fvor", WITH("model.type=fvor"), .turned = true, .shifted = true},
+    {"fvor", WITH("model.type=fvor;model.sample_image=false"), .turned = true, .shifted = true},
     /* it is told directions, no places */
     {"ibrnet-sdf", WITH("model.type=ibrnet-sdf"), .rolls = true, .turned = true},
     {"max-pool", WITH("model.fusion=max-pool"), .rolls = true},

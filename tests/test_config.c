@@ -290,7 +290,8 @@ static void test_overrides_of_a_trained_network(void **state)
     (void)state;
     static const char *const use[] = {"render.sources=4", "render.samples=9", "eval.sources=3",
                                       "model.heads=4" /* as it is */, "train.steps=50"};
-    static const char *const other[][2] = {{"train.steps=60", "model.antialias=true"},
+    static const char *const other[][2] = {{"train.steps=60", "loss.scale=5"},
+                                           {"train.steps=60", "model.antialias=true"},
                                            {"render.heads=2", "train.steps=60"},
                                            {"model.scalars=8", "train.steps=60"},
                                            {"train.steps=60", "data.image_size=3"}};
@@ -298,10 +299,10 @@ static void test_overrides_of_a_trained_network(void **state)
     lf_error err;
     assert_int_equal(lf_config_set_trained(cfg, 5, use, &err), LF_OK);
     assert_int_equal(lf_config_int(cfg, "render.sources"), 4);
-    for (size_t i = 0; i < 4; i++) {
+    for (size_t i = 0; i < 5; i++) {
         assert_int_equal(lf_config_set_trained(cfg, 2, other[i], &err), LF_BAD_INPUT);
         assert_int_equal(lf_config_int(cfg, "train.steps"), 50);
-        if (i < 3)
+        if (i < 4)
             assert_non_null(strstr(err.text, "another model"));
     }
     lf_config_free(cfg);

@@ -4,7 +4,7 @@
 #include "eval/mean_shape.h"
 #include "tests/close.h"
 
-enum { SHAPES = 5, N = LF_MEAN_NODES };
+enum { SHAPES = 5, N = LF_MEAN_NODES, NODES = N * N * N };
 
 static lf_shapes *open_shapes(long builtin)
 {
@@ -43,34 +43,53 @@ static double value_at(lf_mean_shape *mean, double x, double y, double z)
     return value;
 }
 
-/* At every 7th node: level - how many of the shapes are there. */
+/* inside[SHAPES][NODES] by the shapes' own distances; the caller frees it. */
+static bool (*insides(void))[NODES]
+{
+    bool(*inside)[NODES] = malloc(SHAPES * sizeof *inside);
+    double(*p)[3] = malloc(NODES * sizeof *p), *sdf = malloc(NODES * sizeof *sdf);
+    lf_shapes *shapes = open_shapes(SHAPES);
+    if (!inside || !p || !sdf)
+        fail_msg("out of memory");
+    for (long i = 0; i < NODES; i++)
+        for (int c = 0; c < 3; c++)
+            p[i][c] = (double)(c == 0 ? i % N : c == 1 ? i / N % N : i / N / N) / (N - 1) - 0.5;
+    for (long k = 0; k < SHAPES; k++) {
+        lf_shape shape;
+        assert_int_equal(lf_shapes_load(shapes, k, &shape, NULL), LF_OK);
+        lf_sdf_eval(shape.sdf, NODES, (const double(*)[3])p, sdf, NULL);
+        for (long i = 0; i < NODES; i++)
+            inside[k][i] = sdf[i] < 0;
+        lf_shape_release(&shape);
+    }
+    free(p);
+    free(sdf);
+    lf_shapes_close(shapes);
+    return inside;
+}
+
+/* At a node: level - how many of the shapes are there. */
 static void test_shares(void **state)
 {
     (void)state;
     lf_mean_shape mean = mean_of(SHAPES);
+    bool(*inside)[NODES] = insides();
     assert_int_equal(mean.shapes, SHAPES);
-    lf_shapes *shapes = open_shapes(SHAPES);
-    lf_shape shape[SHAPES];
-    for (long k = 0; k < SHAPES; k++)
-        assert_int_equal(lf_shapes_load(shapes, k, &shape[k], NULL), LF_OK);
     long somewhere = 0;
-    for (long i = 0; i < (long)N * N * N; i += 7) {
-        double p[1][3], sdf;
+    for (long i = 0; i < NODES; i++) {
         long in = 0;
-        for (int c = 0; c < 3; c++)
-            p[0][c] = (double)(c == 0 ? i % N : c == 1 ? i / N % N : i / N / N) / (N - 1) - 0.5;
-        for (long k = 0; k < SHAPES; k++) {
-            lf_sdf_eval(shape[k].sdf, 1, (const double(*)[3])p, &sdf, NULL);
-            in += sdf < 0;
-        }
-        assert_close(value_at(&mean, p[0][0], p[0][1], p[0][2]), mean.level - (double)in / SHAPES,
-                     0, 1e-6);
+        for (long k = 0; k < SHAPES; k++)
+            in += inside[k][i];
+        assert_close(mean.share[i], (double)in / SHAPES, 0, 1e-7);
+        if (i % 97 == 0)
+            assert_close(value_at(&mean, (double)(i % N) / (N - 1) - 0.5,
+                                  (double)(i / N % N) / (N - 1) - 0.5,
+                                  (double)(i / N / N) / (N - 1) - 0.5),
+                         mean.level - (double)in / SHAPES, 0, 1e-6);
         somewhere += in > 0;
     }
-    assert_true(somewhere > 100);
-    for (long k = 0; k < SHAPES; k++)
-        lf_shape_release(&shape[k]);
-    lf_shapes_close(shapes);
+    assert_true(somewhere > 1000);
+    free(inside);
     lf_mean_shape_free(&mean);
 }
 
@@ -92,13 +111,38 @@ static void test_between_and_beyond(void **state)
     lf_mean_shape_free(&mean);
 }
 
-/* Of one shape the share is 0 or 1, and every level fits it alike: the lowest is taken. */
+/* The level fits the shapes at least as well as any other share between two that nodes have. */
+static void test_level(void **state)
+{
+    (void)state;
+    lf_mean_shape mean = mean_of(SHAPES);
+    bool(*inside)[NODES] = insides();
+    double iou[SHAPES] = {0};
+    int best = 0;
+    for (int l = 0; l < SHAPES; l++) { /* more than l of the shapes */
+        for (long k = 0; k < SHAPES; k++) {
+            long both = 0, either = 0;
+            for (long i = 0; i < NODES; i++) {
+                const bool in = mean.share[i] > (l + 0.5) / SHAPES;
+                both += in && inside[k][i];
+                either += in || inside[k][i];
+            }
+            iou[l] += (double)both / (double)either;
+        }
+        best = iou[l] > iou[best] ? l : best;
+    }
+    assert_close(mean.level, (best + 0.5) / SHAPES, 1e-12, 0);
+    free(inside);
+    lf_mean_shape_free(&mean);
+}
+
+/* Of one shape the share is 0 or 1: one level. */
 static void test_one_shape(void **state)
 {
     (void)state;
     lf_mean_shape mean = mean_of(1);
-    assert_close(mean.level, 0.05, 1e-12, 0);
-    for (long i = 0; i < (long)N * N * N; i++)
+    assert_close(mean.level, 0.5, 1e-12, 0);
+    for (long i = 0; i < NODES; i++)
         assert_true(mean.share[i] == 0 || mean.share[i] == 1);
     lf_mean_shape_free(&mean);
 }
@@ -106,11 +150,13 @@ static void test_one_shape(void **state)
 static void test_threads(void **state)
 {
     (void)state;
+    const int threads = omp_get_max_threads();
     omp_set_num_threads(1);
     lf_mean_shape one = mean_of(3);
     omp_set_num_threads(3);
     lf_mean_shape three = mean_of(3);
-    assert_memory_equal(one.share, three.share, (size_t)N * N * N * sizeof *one.share);
+    assert_memory_equal(one.share, three.share, NODES * sizeof *one.share);
+    omp_set_num_threads(threads);
     assert_true(one.level == three.level);
     lf_mean_shape_free(&one);
     lf_mean_shape_free(&three);
@@ -120,6 +166,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_shares), cmocka_unit_test(test_between_and_beyond),
-        cmocka_unit_test(test_one_shape), cmocka_unit_test(test_threads)};
+        cmocka_unit_test(test_level), cmocka_unit_test(test_one_shape),
+        cmocka_unit_test(test_threads)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -219,7 +219,7 @@ refused 'not a checkpoint of elf' foreign.safetensors
 refused 'No such file' missing.safetensors
 mkdir hollow
 refused 'no checkpoint' hollow
-expect 2 'model\.scalars=8: the network was trained with 4; .*another model' "$eval" --checkpoint run --set model.scalars=8
+expect 2 'model\.scalars=8: the network was trained with 4, .*another model' "$eval" --checkpoint run --set model.scalars=8
 expect 2 'model\.blocks=2: .*another model' "$train" --resume run --out other --set model.blocks=2
 # keys that no parameter tells from their other value
 expect 2 'model\.antialias=true: .*another model' "$eval" --checkpoint run --set model.antialias=true
@@ -279,6 +279,10 @@ if [ "$(id -u)" != 0 ]; then
     chmod 644 data/things/b/model.obj
 fi
 expect 0 'train: 2 shapes' "$train" tiny.ini --out files "${things[@]}"
+mv data/things/train.lst . # the model without its training shapes
+expect 0 'no mean of the training shapes beside the model: .*train' "$eval" --checkpoint files --json lone.json
+grep -q '"mean_shape": null' lone.json && grep -q '"hull": {' lone.json || fail "wrong baselines: $(cat lone.json)"
+mv train.lst data/things
 expect 2 'val' "$train" tiny.ini --out none "${things[@]}" --set data.val_shapes=1 # no val.lst
 expect 2 'data/nothing' "$train" tiny.ini --out none "${things[@]}" --set data.category=nothing
 expect 2 'data/listless' "$train" tiny.ini --out none "${things[@]}" --set data.category=listless
@@ -326,12 +330,13 @@ interrupt() { # interrupt SIGNAL FOLDER
 }
 "$train" tiny.ini --out early --set data.shapes=4000 >out 2>err & # data for a minute
 process=$!
-for _ in $(seq 2000); do grep -q 'sampling shapes' out && break; sleep 0.01; done
+for _ in $(seq 6000); do grep -q 'sampling shapes' out && break; sleep 0.01; done
+grep -q 'sampling shapes' out || fail "no data are made: $(cat out err)"
 kill -TERM $process
 wait $process
 code=$?
 [ $code = 130 ] || fail "exit code $code after an interrupt while the data are made"
-grep -q 'before there was anything to save' err || fail "an early interrupt says: $(cat err)"
+grep -q 'no new step to save' err || fail "an early interrupt says: $(cat err)"
 [ -e early ] && fail "a run stopped before its first step leaves $(find early)"
 
 interrupt INT stopped 2>/dev/null

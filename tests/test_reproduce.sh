@@ -109,7 +109,7 @@ expect 0 '8 runs, 7 done before' reproduce
 # other keys than it was begun with
 echo "other keys" >$run/arguments
 rm $run/result-SO3.json
-expect 2 'begun with other keys' reproduce
+expect 2 'begun with another config or other keys' reproduce
 
 ### Counts, lists, refusals
 

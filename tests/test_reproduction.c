@@ -152,13 +152,25 @@ static void test_who_is_ahead(void **state)
              values + strlen("\"Theirs\""));
     put(f, "paper.json", text);
     put_system(f, "theirs", "I", 0, 0.8);
-    put_system(f, "theirs", "I", 1, 0.6);
+    put_system(f, "theirs", "I", 1, 0.79);
     put_system(f, "theirs", "Z", 0, 0.35);
     page = page_of(f);
-    assert_has(page, "**Ours** above the others in iou, tiny, built-in:");
+    assert_has(page, "**Ours** above the others in iou: difference");
     assert_has(page, "| | above | I/I | I/Z |\n|---|---|---|---|\n"
-                     "| chair | Theirs | **-0.100** ± 0.200 / +0.100 | not run / +0.400 |\n");
-    assert_has(page, "| | | I/Z of I/I |\n|---|---|---|\n| chair | Theirs | 50 % / 33 % |\n\n");
+                     "| chair | Theirs | **-0.195** ± 0.142 / +0.100 | not run / +0.400 |\n");
+    assert_has(page, "| | | I/Z of I/I |\n|---|---|---|\n| chair | Theirs | 44 % / 33 % |\n\n");
+    assert_has(page, "### Order of the systems: tiny, built-in\n");
+    free(page);
+    /* nothing is kept of nothing, and a lead within the spread is not bold */
+    put_system(f, "theirs", "I", 0, 0);
+    put_system(f, "theirs", "I", 1, 0);
+    page = page_of(f);
+    assert_has(page, "| chair | Theirs | – / 33 % |\n");
+    free(page);
+    put_system(f, "theirs", "I", 0, 0.8);
+    put_system(f, "theirs", "I", 1, 0.45);
+    page = page_of(f);
+    assert_has(page, "| chair | Theirs | -0.025 ± 0.285 / +0.100 |");
     free(page);
 }
 
@@ -349,6 +361,8 @@ static void test_bad_paper(void **state)
          "value 1 must be 1 figures"},
         {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": [], \"more\": 1}]}", "more"},
         {"\"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": 3}]}", "rows must be a list"},
+        {"\"reference\": \"s\", \"figures\": [\"iou\"], \"settings\": [\"I/I\"], \"rows\": []}]}",
+         "reference \"s\" has no row"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         char text[1024];

@@ -127,22 +127,29 @@ static void test_kinds_differ(void **state)
 static void test_highlight(void **state)
 {
     (void)state;
-    lf_scene_make_options o[3] = {options_of(LF_KIND_DIFFUSE, 4), options_of(LF_KIND_GLOSSY, 4),
-                                  options_of(LF_KIND_GLOSSY, 4)};
+    lf_scene_make_options o[4] = {options_of(LF_KIND_DIFFUSE, 4), options_of(LF_KIND_GLOSSY, 4),
+                                  options_of(LF_KIND_GLOSSY, 4), options_of(LF_KIND_GLOSSY, 4)};
     o[1].highlight = 0;
     o[2].highlight = 2;
-    lf_scene *none = make(&o[0]), *off = make(&o[1]), *twice = make(&o[2]);
+    lf_scene *none = make(&o[0]), *off = make(&o[1]), *twice = make(&o[2]), *once = make(&o[3]);
+    int most = 0;
     for (long v = 0; v < none->views; v++) {
         const lf_pixels p = hold(none, v), q = hold(off, v), r = hold(twice, v);
         assert_memory_equal(p.rgb, q.rgb, 3L * SIZE * SIZE);
-        for (long k = 0; k < 3L * SIZE * SIZE; k++)
-            assert_true(r.rgb[k] >= p.rgb[k]);
+        const lf_pixels usual = hold(once, v);
+        for (long k = 0; k < 3L * SIZE * SIZE; k++) {
+            assert_true(r.rgb[k] >= usual.rgb[k]);
+            most = r.rgb[k] - usual.rgb[k] > most ? r.rgb[k] - usual.rgb[k] : most;
+        }
+        lf_scene_release(once, v);
         lf_scene_release(none, v);
         lf_scene_release(off, v);
         lf_scene_release(twice, v);
     }
     lf_scene_close(none);
     lf_scene_close(off);
+    assert_true(most > 40);
+    lf_scene_close(once);
     lf_scene_close(twice);
 }
 

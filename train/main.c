@@ -14,8 +14,8 @@ static volatile sig_atomic_t stop_asked, steps_begun;
 
 static void on_signal(int number)
 {
-    static const char text[] = "\nelf-train: stopped while making the data, before there was "
-                               "anything to save; the same command begins again\n";
+    static const char text[] = "\nelf-train: stopped while making the data: no new step to save; "
+                               "the same command starts again\n";
     (void)number;
     if (!steps_begun) {
         const ssize_t written = write(STDERR_FILENO, text, sizeof text - 1);
@@ -49,7 +49,9 @@ static void print_help(FILE *out)
         "  --help-config     print every key with type, range, default and meaning\n"
         "  --help, --version\n"
         "\n"
-        "Ctrl-C saves a checkpoint and stops (again: stops at once, the last one saved counts).\n"
+        "Ctrl-C saves a checkpoint and stops (again, or while the data are made: stops at once, "
+        "the\n"
+        "last one saved counts).\n"
         "A run's folder holds config.ini, metrics.jsonl (a JSON object a logged step),\n"
         "checkpoints/step-*.safetensors, latest and best.\n"
         "Exit codes: 0 done, 1 failed while running, 2 wrong use, config or input, 130 stopped.\n",

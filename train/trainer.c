@@ -219,6 +219,7 @@ static bool interrupted(const trainer *t)
 /* Read or make the data. An interrupt after that is the loop's. */
 static lf_status open_data(trainer *t, lf_error *err)
 {
+    fflush(stdout); /* an interrupt while the data are made ends the program at once */
     LF_TRY(t->task.open(t->task.self, err));
     if (t->options->begun)
         *t->options->begun = 1;
