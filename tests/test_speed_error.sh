@@ -143,14 +143,15 @@ expect 0 '' "$eval" --checkpoint recon --measure b.safetensors --shapes 1 --thre
 expect 0 '' "$eval64" --checkpoint renderer --measure c.safetensors --shapes 1 --views 1
 head -c 3000 c.safetensors | grep -aq '"precision":"f64"' || fail "no precision in the file of --measure"
 expect 130 "" timeout --preserve-status -s INT 1 "$eval" --checkpoint recon --speed-error --repeats 50
-"$eval" --checkpoint recon --speed-error --set model.scalars=8 >out 2>err &
+"$eval" --checkpoint recon --speed-error --set data.root=nowhere >out 2>err &
 process=$!
 wait $process
 ls -d /tmp/elf-speed-error-$process-* >out 2>err && fail "a temporary folder stays"
 
 ### Bad input
 
-expect 2 'another model|shape|missing' "$eval" --checkpoint recon --speed-error --set model.scalars=8
+expect 2 'another model' "$eval" --checkpoint recon --speed-error --set model.scalars=8
+expect 2 'nowhere' "$eval" --checkpoint recon --speed-error --set data.root=nowhere
 grep -q "the setting 'exact" err || fail "the message does not say which setting failed"
 expect 2 'means nothing to --speed-error' "$eval" --checkpoint recon --speed-error --dense
 expect 2 'means nothing to --speed-error' "$eval" --checkpoint recon --speed-error --views 2
