@@ -151,7 +151,11 @@ ls -d /tmp/elf-speed-error-$process-* >out 2>err && fail "a temporary folder sta
 ### Bad input
 
 expect 2 'another model' "$eval" --checkpoint recon --speed-error --set model.scalars=8
-expect 2 'nowhere' "$eval" --checkpoint recon --speed-error --set data.root=nowhere
+# a checkpoint whose config is not that of its arrays: found when the network is made
+checkpoint=$(ls recon/checkpoints/step-*.safetensors | tail -n 1)
+LC_ALL=C sed 's/scalars = 4/scalars = 8/' "$checkpoint" >other.safetensors
+cmp -s "$checkpoint" other.safetensors && fail "the checkpoint does not say its scalars"
+expect 2 'another model|shape|missing' "$eval" --checkpoint other.safetensors --speed-error
 grep -q "the setting 'exact" err || fail "the message does not say which setting failed"
 expect 2 'means nothing to --speed-error' "$eval" --checkpoint recon --speed-error --dense
 expect 2 'means nothing to --speed-error' "$eval" --checkpoint recon --speed-error --views 2
