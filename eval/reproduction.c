@@ -48,17 +48,6 @@ static void print_paper_cell(const json_t *value, const json_t *figures, FILE *o
 
 /* ---- a table of the paper -------------------------------------------------------------------- */
 
-static void print_head(const json_t *settings, FILE *out)
-{
-    fputs("\n| system | from |", out);
-    for (size_t i = 0; i < json_array_size(settings); i++)
-        fprintf(out, " %s |", json_string_value(json_array_get(settings, i)));
-    fputs("\n|---|---|", out);
-    for (size_t i = 0; i < json_array_size(settings); i++)
-        fputs("---|", out);
-    fputc('\n', out);
-}
-
 /* Is there a result in any setting? */
 static bool was_run(const lf_results *r, const json_t *table, const json_t *row, const lf_group *g)
 {
@@ -153,7 +142,8 @@ static void print_table(const lf_results *r, const json_t *table, FILE *out)
         if (strcmp(category, lf_text_of(row, "category")) != 0) {
             category = lf_text_of(row, "category");
             fprintf(out, "\n### %s\n", category);
-            print_head(json_object_get(table, "settings"), out);
+            fputs("\n| system | from |", out);
+            lf_print_settings(table, out);
         }
         print_system(r, table, row, g, groups, out);
     }

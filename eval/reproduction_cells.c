@@ -105,3 +105,14 @@ lf_cell lf_cell_at(const json_t *table, const json_t *row, const lf_group *g, si
                      train,
                      slash + 1};
 }
+
+void lf_print_settings(const json_t *table, FILE *out)
+{
+    const json_t *settings = json_object_get(table, "settings");
+    for (size_t i = 0; i < json_array_size(settings); i++)
+        fprintf(out, " %s |", json_string_value(json_array_get(settings, i)));
+    fputs("\n|---|---|", out);
+    for (size_t i = 0; i < json_array_size(settings); i++)
+        fputs("---|", out);
+    fputc('\n', out);
+}

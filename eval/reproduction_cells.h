@@ -34,6 +34,10 @@ int lf_size_rank(const char *size);
 /* The groups of the cell's results, small sizes first; malloc'd. */
 lf_group *lf_groups_of(const lf_results *results, const lf_cell *cell, long *count);
 
+/* The rest of a Markdown table's head behind its first two columns, a column a setting of the table
+ * of paper.json, and the line below it. */
+void lf_print_settings(const json_t *table, FILE *out);
+
 /* The cell of a row of a table of paper.json in its setting number i, of a group or of none (NULL);
  * its training setting is put into `train`. */
 lf_cell lf_cell_at(const json_t *table, const json_t *row, const lf_group *group, size_t i,

@@ -19,7 +19,7 @@ static lf_moments ours(const lf_results *r, const json_t *table, const json_t *r
     return lf_moments_of(r, &c, first_figure(table));
 }
 
-static bool was_run(const lf_moments *m)
+static bool has_results(const lf_moments *m)
 {
     return m->n + m->lacking > 0;
 }
@@ -59,7 +59,7 @@ static void print_lead(const lf_results *r, const json_t *table, const json_t *r
     const lf_moments a = ours(r, table, reference, g, setting), b = ours(r, table, row, g, setting);
     const double paper = papers(reference, setting) - papers(row, setting), lead = a.mean - b.mean;
     const int digits = lf_figure_digits(first_figure(table));
-    if (!was_run(&a) || !was_run(&b)) {
+    if (!has_results(&a) || !has_results(&b)) {
         fputs(" not run /", out);
     } else if (a.lacking || b.lacking) {
         fputs(" – /", out);
@@ -108,13 +108,8 @@ static void print_leads(const lf_results *r, const json_t *table, const lf_group
                     "nothing.\n\n| | above |",
                     lf_text_of(reference_of(table, row), "label"),
                     lf_result_figure[first_figure(table)]);
+            lf_print_settings(table, out);
             any = true;
-            for (size_t k = 0; k < json_array_size(settings); k++)
-                fprintf(out, " %s |", json_string_value(json_array_get(settings, k)));
-            fputs("\n|---|---|", out);
-            for (size_t k = 0; k < json_array_size(settings); k++)
-                fputs("---|", out);
-            fputc('\n', out);
         }
         fprintf(out, "| %s | %s |", lf_text_of(row, "category"), lf_text_of(row, "label"));
         for (size_t k = 0; k < json_array_size(settings); k++)
@@ -150,7 +145,7 @@ static void print_kept_row(const lf_results *r, const json_t *table, const json_
             continue;
         const lf_moments a = ours(r, table, row, g, i), b = ours(r, table, row, g, (size_t)own);
         const double paper = papers(row, i) / papers(row, (size_t)own);
-        if (!was_run(&a) || !was_run(&b))
+        if (!has_results(&a) || !has_results(&b))
             fputs(" not run /", out);
         else if (a.lacking || b.lacking || !(b.mean > 0))
             fputs(" – /", out);
