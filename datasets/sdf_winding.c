@@ -18,17 +18,25 @@ struct triangle {
     double centre[3];
 };
 
+/* Its faces side by side, missing ones as points: [corner][axis][face]. */
+struct leaf {
+    double corner[3][3][leaf_faces];
+};
+
 struct node {
     double centre[3], dipole[3], radius;
     long first, count; /* triangles */
     long child;        /* the second is child + 1; 0: leaf */
+    long leaf;
 };
 
 struct lf_winding {
-    struct triangle *triangle;
+    struct triangle *triangle; /* until the tree is grown */
     long triangles;
     struct node *node;
     long nodes;
+    struct leaf *leaf;
+    long leaves;
 };
 
 static void area_vector(const struct triangle *t, double out[3])
@@ -121,14 +129,26 @@ static void split_at_median(struct triangle *t, long count, int axis)
     }
 }
 
+static void fill_leaf(const lf_winding *w, const struct node *n, struct leaf *leaf)
+{
+    for (long f = 0; f < leaf_faces; f++)
+        for (int k = 0; k < 3; k++)
+            for (int i = 0; i < 3; i++)
+                leaf->corner[k][i][f] = f < n->count ? w->triangle[n->first + f].corner[k][i]
+                                                     : w->triangle[n->first].corner[0][i];
+}
+
 /* Nodes are made in breadth-first order, so the array is its own queue. */
 static void grow(lf_winding *w)
 {
     for (long k = 0; k < w->nodes; k++) {
         struct node *n = &w->node[k];
         summarise(w, n);
-        if (n->count <= leaf_faces)
+        if (n->count <= leaf_faces) {
+            n->leaf = w->leaves++;
+            fill_leaf(w, n, &w->leaf[n->leaf]);
             continue;
+        }
         split_at_median(w->triangle + n->first, n->count, longest_axis(w, n));
         const long half = n->count / 2;
         n->child = w->nodes;
@@ -143,7 +163,9 @@ lf_winding *lf_winding_open(const lf_mesh *mesh, const signed char *weight)
     LF_REQUIRE(w, "lf_winding_open: no memory");
     w->triangle = malloc((size_t)mesh->faces * sizeof *w->triangle);
     w->node = malloc((2 * (size_t)mesh->faces + 1) * sizeof *w->node);
-    LF_REQUIRE(w->triangle && w->node, "lf_winding_open: no memory for %ld faces", mesh->faces);
+    w->leaf = malloc(((size_t)mesh->faces / (leaf_faces / 2) + 1) * sizeof *w->leaf);
+    LF_REQUIRE(w->triangle && w->node && w->leaf, "lf_winding_open: no memory for %ld faces",
+               mesh->faces);
     for (long f = 0; f < mesh->faces; f++) {
         if (!weight[f])
             continue;
@@ -159,6 +181,8 @@ lf_winding *lf_winding_open(const lf_mesh *mesh, const signed char *weight)
         w->node[w->nodes++] = (struct node){.first = 0, .count = w->triangles};
         grow(w);
     }
+    free(w->triangle);
+    w->triangle = NULL;
     return w;
 }
 
@@ -166,28 +190,56 @@ void lf_winding_close(lf_winding *w)
 {
     if (!w)
         return;
-    free(w->triangle);
+    free(w->leaf);
     free(w->node);
     free(w);
 }
 
-/* Solid angle of one triangle over 4 pi. */
-static double triangle_winding(const struct triangle *t, const double p[3])
+/* Half the solid angles of the faces of a leaf, as directions of re + i im: face by face. */
+static void leaf_directions(const struct leaf *leaf, const double p[3],
+                            double re[restrict leaf_faces], double im[restrict leaf_faces])
 {
-    double r[3][3], n[3];
-    for (int k = 0; k < 3; k++) {
-        for (int i = 0; i < 3; i++)
-            r[k][i] = t->corner[k][i] - p[i];
-        n[k] = length(r[k]);
+    const double px = p[0], py = p[1], pz = p[2];
+    for (int f = 0; f < leaf_faces; f++) {
+        const double ax = leaf->corner[0][0][f] - px, ay = leaf->corner[0][1][f] - py,
+                     az = leaf->corner[0][2][f] - pz;
+        const double bx = leaf->corner[1][0][f] - px, by = leaf->corner[1][1][f] - py,
+                     bz = leaf->corner[1][2][f] - pz;
+        const double cx = leaf->corner[2][0][f] - px, cy = leaf->corner[2][1][f] - py,
+                     cz = leaf->corner[2][2][f] - pz;
+        const double a = sqrt(ax * ax + ay * ay + az * az), b = sqrt(bx * bx + by * by + bz * bz),
+                     c = sqrt(cx * cx + cy * cy + cz * cz);
+        const double ab = ax * bx + ay * by + az * bz, bc = bx * cx + by * cy + bz * cz,
+                     ca = cx * ax + cy * ay + cz * az;
+        const double x = a * b * c + ab * c + bc * a + ca * b;
+        const double y =
+            ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
+        const double size = fabs(x) + fabs(y);
+        re[f] = size > 0 ? x / size : 1; /* at a corner: nothing */
+        im[f] = size > 0 ? y / size : 0;
     }
-    const double *a = r[0], *b = r[1], *c = r[2];
-    const double det = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
-                       a[2] * (b[0] * c[1] - b[1] * c[0]);
-    const double ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    const double bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2];
-    const double ca = c[0] * a[0] + c[1] * a[1] + c[2] * a[2];
-    const double denominator = n[0] * n[1] * n[2] + ab * n[2] + bc * n[0] + ca * n[1];
-    return 2 * atan2(det, denominator) / (4 * 3.14159265358979323846);
+}
+
+/* Solid angle of a leaf over 4 pi. Angles in -pi .. pi are added by multiplying their directions,
+ * and counting the turns that a direction hides: one arc tangent a leaf instead of one a face, 1.2
+ * times the speed of making a shape. */
+static double leaf_winding(const struct leaf *leaf, const double p[3])
+{
+    double re[leaf_faces], im[leaf_faces], turns[leaf_faces] = {0};
+    leaf_directions(leaf, p, re, im);
+    for (int half = leaf_faces / 2; half > 0; half /= 2)
+        for (int f = 0; f < half; f++) {
+            const double x = re[f], y = im[f], u = re[f + half], v = im[f + half];
+            const double im_product = x * v + y * u;
+            /* both angles on one side of 0; behind a half turn for certain if both are left */
+            const bool left = x < 0 && u < 0;
+            const bool over = y >= 0 && v >= 0 && (left || im_product < 0);
+            const bool under = y < 0 && v < 0 && (left || im_product >= 0);
+            turns[f] += turns[f + half] + over - under;
+            re[f] = x * u - y * v;
+            im[f] = im_product;
+        }
+    return turns[0] + atan2(im[0], re[0]) / (2 * 3.14159265358979323846);
 }
 
 /* The node as one dipole; false if p is too near. */
@@ -218,8 +270,7 @@ double lf_winding_at(const lf_winding *w, const double p[3])
             stack[top++] = n->child + 1;
             continue;
         }
-        for (long t = n->first; t < n->first + n->count; t++)
-            sum += triangle_winding(&w->triangle[t], p);
+        sum += leaf_winding(&w->leaf[n->leaf], p);
     }
     return sum;
 }

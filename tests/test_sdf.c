@@ -7,6 +7,7 @@
 
 #include "autograd/random.h"
 #include "datasets/sdf.h"
+#include "datasets/sdf_winding.h"
 #include "tests/close.h"
 
 enum { points = 10000 };
@@ -333,6 +334,45 @@ static void test_refused(void **state)
     lf_mesh_free(mesh);
 }
 
+/* A leaf joins the angles of its faces by products: against arc tangents, a face at a time. Layers of
+ * faces that look the same way make sums of several full turns, either way. */
+static void test_leaf_angles(void **state)
+{
+    (void)state;
+    enum { faces = 8, rounds = 20000 };
+    double vertex[3 * faces][3];
+    int32_t face[faces][3];
+    for (int32_t v = 0; v < 3 * faces; v++)
+        face[v / 3][v % 3] = v;
+    const lf_mesh mesh = {.vertices = 3 * faces, .faces = faces, .vertex = vertex, .face = face};
+    double most = 0, largest = 0;
+    for (uint64_t r = 0; r < rounds; r++) {
+        lf_stream s = lf_stream_at(3, LF_RANDOM_TEST, 2, r);
+        signed char weight[faces];
+        const double offset = lf_uniform(&s) < 0.5 ? 1e-3 : 1;
+        for (int v = 0; v < 3 * faces; v++)
+            for (int i = 0; i < 3; i++)
+                vertex[v][i] = lf_normal(&s);
+        for (int v = 0; v < 3 * faces && r % 2; v++) { /* nearly one triangle, eight times */
+            vertex[v][0] = cos(2.0943951023931953 * (v % 3)) + 0.1 * vertex[v][0];
+            vertex[v][1] = sin(2.0943951023931953 * (v % 3)) + 0.1 * vertex[v][1];
+            vertex[v][2] *= 1e-3;
+        }
+        const double p[3] = {0.1 * lf_normal(&s), 0.1 * lf_normal(&s), offset * lf_normal(&s)};
+        double want = 0;
+        for (int f = 0; f < faces; f++) {
+            weight[f] = (signed char)(r % 3 && lf_uniform(&s) < 0.5 ? -1 : 1);
+            want += weight[f] * lf_mesh_winding(&mesh, f, 1, p);
+        }
+        lf_winding *w = lf_winding_open(&mesh, weight);
+        most = fmax(most, fabs(lf_winding_at(w, p) - want));
+        largest = fmax(largest, fabs(want));
+        lf_winding_close(w);
+    }
+    assert_true(largest > 2); /* several turns were summed */
+    assert_close(most, 0, 0, 1e-12);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -340,7 +380,7 @@ int main(void)
         cmocka_unit_test(test_holes),        cmocka_unit_test(test_soup),
         cmocka_unit_test(test_sheet),        cmocka_unit_test(test_bowl),
         cmocka_unit_test(test_doubtful),     cmocka_unit_test(test_samples),
-        cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_refused),      cmocka_unit_test(test_leaf_angles),
     };
     return cmocka_run_group_tests_name("sdf", tests, NULL, NULL);
 }
