@@ -3,7 +3,8 @@
 
 #include "eval/reproduction.h"
 
-static bool same_training(const lf_result *a, const lf_result *b)
+/* Are both in one row of the table of runs? */
+static bool same_row(const lf_result *a, const lf_result *b)
 {
     return !strcmp(a->system, b->system) && !strcmp(a->size, b->size) &&
            !strcmp(a->data, b->data) && !strcmp(a->experiment, b->experiment);
@@ -86,7 +87,7 @@ static bool new_training(const lf_results *r, long i)
     for (long j = 0; j < i; j++) {
         const lf_result *a = &r->result[j];
         /* a renderer has one training for all categories */
-        if (same_training(a, b) && a->seed == b->seed && !strcmp(a->train, b->train) &&
+        if (same_row(a, b) && a->seed == b->seed && !strcmp(a->train, b->train) &&
             (!strcmp(a->category, b->category) || !strcmp(a->experiment, "rendering")))
             return false;
     }
@@ -110,7 +111,7 @@ static summary summary_of(const lf_results *r, long first)
                  .seed = {a->seed, a->seed}};
     for (long i = first; i < r->count; i++) {
         const lf_result *b = &r->result[i];
-        if (!same_training(a, b))
+        if (!same_row(a, b))
             continue;
         s.steps = joined(s.steps, b->steps);
         s.pixels = joined(s.pixels, b->pixels);
@@ -198,7 +199,7 @@ void lf_results_print_runs(const lf_results *r, FILE *out)
     for (long i = 0; i < r->count; i++) {
         bool first = is_run(&r->result[i]);
         for (long j = 0; j < i && first; j++)
-            first = !same_training(&r->result[j], &r->result[i]);
+            first = !same_row(&r->result[j], &r->result[i]);
         if (!first)
             continue;
         if (runs++ == 0)

@@ -44,10 +44,11 @@ static lf_status take_runs(lf_run_columns *c, char *const *word, lf_error *err)
         c->text[k] = strdup(word[k]);
         LF_REQUIRE(c->text[k], "out of memory");
         if (!cut(c->text[k], c->parts, c->run + k * c->parts))
-            return lf_fail(err, LF_BAD_INPUT,
-                           "%s: every column must have %d runs as the first one has, with commas "
-                           "between, none where there is none",
-                           word[k], c->parts);
+            return lf_fail(
+                err, LF_BAD_INPUT,
+                "column %d, \"%s\": every column must have %d runs as the first one has, "
+                "with commas between, the word none where there is none",
+                k + 1, word[k], c->parts);
         for (int p = 0; p < c->parts; p++)
             if (strcmp(c->run[k * c->parts + p], "none") == 0)
                 c->run[k * c->parts + p] = NULL;

@@ -73,7 +73,7 @@ run_of() { echo runs/test/built-in/$1-chair-Y-0; }
 expect 0 '' "$eval" compare-runs $(run_of ibrnet-sdf),$(run_of equivariant) none,$(run_of ibrnet-sdf) --names a,b \
     --pictures 1 --quiet --out two.png
 [ -s two.png ] || fail "no picture of two parts"
-expect 2 'every column must have 1' "$eval" compare-runs $(run_of equivariant) a,b --out no.png
+expect 2 'column 2, "a,b": every column must have 1' "$eval" compare-runs $(run_of equivariant) a,b --out no.png
 expect 2 'give 1 names' "$eval" compare-runs $(run_of equivariant) --names a,b --out no.png
 expect 2 'part 1 has no run' "$eval" compare-runs none --out no.png
 expect 2 'must end in .png' "$eval" compare-runs $(run_of equivariant) --out no.jpg
