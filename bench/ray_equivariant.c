@@ -150,7 +150,7 @@ static lf_bench_work *open_step(const lf_bench_case *c)
 {
     step_work *s = lf_bench_room(1, sizeof *s);
     const lf_ray_equivariant_config config = {
-        {8, {0, 2, 4, 8, 16, 32, 64, 128}}, 35, 4, 16, 4, true, true};
+        {.count = 8, .omega = {0, 2, 4, 8, 16, 32, 64, 128}}, 35, 4, 16, 4, true, true};
     s->rays = c->size[0];
     s->samples = c->size[1];
     s->views = c->size[2];

@@ -73,7 +73,7 @@ static void saturated_softmax(lf_stability *s)
 /* ---- attention ------------------------------------------------------------------------------- */
 
 enum { Q = 2, V = 4, N = 2, S = 5, C = 2, PLANES = 5 };
-static const lf_types types = {3, {0, 1, 4}};
+static const lf_types types = {.count = 3, .omega = {0, 1, 4}};
 
 /* Queries and keys, of which one number moves a logit by a step. */
 static lf_tensor *half(lf_stability *s, const char *name, int rank, const long *dim)

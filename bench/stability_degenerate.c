@@ -13,7 +13,7 @@
 #define MEANS LF_STABILITY_AT(0, 1, 1e1, 1e2, 1e3, 1e4)
 
 enum { ROWS = 3, C = 4, PLANES = 5 };
-static const lf_types types = {3, {0, 1, 4}};
+static const lf_types types = {.count = 3, .omega = {0, 1, 4}};
 
 /* Vectors of the size of the parameter, for functions that bend at `bend`. */
 static lf_tensor *vectors(lf_stability *s, const char *name, int rank, const long *dim, double bend)

@@ -33,7 +33,7 @@ static void point_head(lf_stability *s)
 /* ---- rendering ------------------------------------------------------------------------------- */
 
 enum { RAYS = 2, SAMPLES = 4, V = 3, F = 5, C = 2, PLANES = 5 };
-static const lf_types types = {3, {0, 1, 4}};
+static const lf_types types = {.count = 3, .omega = {0, 1, 4}};
 
 typedef struct light_scene {
     double origin[3 * RAYS], direction[3 * RAYS], stretch[RAYS], depth[RAYS * SAMPLES];

@@ -56,7 +56,7 @@ static void point_head(lf_stability *s)
 static void sample_at_centre(lf_stability *s)
 {
     enum { V = 2, S = 3 };
-    const lf_types types = {3, {0, 1, 4}};
+    const lf_types types = {.count = 3, .omega = {0, 1, 4}};
     const double origin[3] = {0, 0, 0}, d[3] = {0, 0.6, 0.8}, depth[S] = {1, 2, 3};
     double centre[3 * V], axes[9];
     uint8_t seen[S * V] = {1, 1, 1, 1, 1, 1};

@@ -185,7 +185,7 @@ static void ray_pair(lf_stability *s)
  * frequency w turns by w foot. */
 static void along_ray_spectrum(lf_stability *s)
 {
-    const lf_types types = {3, {0, 1, 3}};
+    const lf_types types = {.count = 3, .omega = {0, 1, 3}};
     const lf_spectrum spectrum = {2, 0.7, 0.3};
     lf_ray x[TARGETS], y[SOURCES];
     double foot[TARGETS * SOURCES];
@@ -273,7 +273,7 @@ static lf_light_geometry beside(lf_stability *s, const lf_types *types)
     return lf_light_geometry_make(s->tape, types, &rays);
 }
 
-static const lf_types types = {3, {0, 1, 4}};
+static const lf_types types = {.count = 3, .omega = {0, 1, 4}};
 enum { PLANES = 5 };
 
 static void ray_ray_convolution(lf_stability *s)

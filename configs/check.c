@@ -143,6 +143,11 @@ static lf_status check_render(const lf_config *cfg, lf_error *err)
         return lf_fail(err, LF_BAD_INPUT,
                        "render.channels = %ld: allowed is a multiple of render.heads = %ld",
                        channels, lf_config_int(cfg, "render.heads"));
+    const long scalars = lf_config_int(cfg, "render.scalars");
+    if (scalars % channels != 0)
+        return lf_fail(err, LF_BAD_INPUT,
+                       "render.scalars = %ld: allowed is a multiple of render.channels = %ld, or 0",
+                       scalars, channels);
     if (lf_config_int(cfg, "render.width") % 4)
         return lf_fail(err, LF_BAD_INPUT, "render.width = %ld: allowed is a multiple of 4",
                        lf_config_int(cfg, "render.width"));

@@ -74,6 +74,8 @@ const lf_key lf_schema[] = {
     INTS("render.types", "0, 2, 4, 8, 16, 32, 64, 128", 0, 1024,
          "renderer: angular types omega of the fields along a ray; 0, then rising."),
     INT("render.channels", "4", 1, 64, "renderer: channels of each type."),
+    INT("render.scalars", "0", 0, 64,
+        "renderer: channels of type 0, a multiple of render.channels; 0: as of the other types."),
     INT("render.heads", "4", 1, 64, "renderer: attention heads; they divide the channels."),
     INT("render.hidden", "16", 1, 1024, "renderer: hidden width of the kernels' profiles over the angle."),
     BOOL("render.layer_norm", "true", "renderer: invariant layer norms; long trainings need them."),

@@ -335,8 +335,13 @@ static lf_tensor *attend(lf_tape *tape, lf_tensor *const *in, const lf_light_geo
     const long planes = lf_types_planes(&rays->types), points = rays->rays * rays->samples;
     const long n = blocks ? in[0]->dim[2] : lf_cols(in[0]), c = n / planes;
     along *t = lf_alloc(tape, sizeof *t);
-    *t = (along){
-        .rays = *rays, .blocks = blocks, .planes = planes, .c = c, .n = planes * c, .heads = heads};
+    *t = (along){.rays = *rays,
+                 .blocks = blocks,
+                 .planes = planes,
+                 .c = c,
+                 .n = planes * c,
+                 .scalars = lf_types_scalars(&rays->types),
+                 .heads = heads};
     require_shapes(t, in);
     t->per = c / heads;
     t->size = planes * t->per;

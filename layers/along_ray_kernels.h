@@ -18,6 +18,7 @@ typedef struct along {
     lf_light_geometry rays;
     bool blocks;          /* fields stand in blocks; else in rows */
     long planes, c, n;    /* n = planes c */
+    long scalars;         /* planes of them, first */
     long per, size, keys; /* c / heads; planes per, of a head; samples in whole vectors */
     int heads;
     lf_real scale;
@@ -122,13 +123,14 @@ static void load_turned(const along *t, const work *w, const lf_real *x, const l
     const long keys = t->keys, row = t->size * BASIS;
     for (int b = 0; b < BASIS; b += LF_LANES) {
         const lf_real *f = w->of_query + b;
-        for (long i = 0; i < t->per; i++) {
+        for (long i = 0; i < t->scalars * t->per; i++) {
             const lf_vec own = lf_vec_load(profile + i * BASIS + b);
             for (long s = 0; s < t->rays.samples; s++)
                 lf_vec_store(w->turned + s * row + i * BASIS + b,
                              x[i * keys + s] * own * lf_vec_load(f + s * BASIS));
         }
-        for (long i = t->per; i < t->size; i += i % t->per == t->per - 1 ? t->per + 1 : 1) {
+        for (long i = t->scalars * t->per; i < t->size;
+             i += i % t->per == t->per - 1 ? t->per + 1 : 1) {
             const long o = i + t->per;
             const lf_vec re = lf_vec_load(profile + i * BASIS + b);
             const lf_vec im = lf_vec_load(profile + o * BASIS + b);
@@ -150,14 +152,15 @@ static void add_profile(const along *t, const work *w, const lf_real *x, const l
     const long keys = t->keys, row = t->size * BASIS;
     for (int b = 0; b < BASIS; b += LF_LANES) {
         const lf_real *f = w->of_query + b;
-        for (long i = 0; i < t->per; i++) {
+        for (long i = 0; i < t->scalars * t->per; i++) {
             lf_vec sum = lf_vec_load(dw + i * BASIS + b);
             for (long s = 0; s < t->rays.samples; s++)
                 sum += lf_vec_load(f + s * BASIS) * x[i * keys + s] *
                        lf_vec_load(z + s * row + i * BASIS + b);
             lf_vec_store(dw + i * BASIS + b, sum);
         }
-        for (long i = t->per; i < t->size; i += i % t->per == t->per - 1 ? t->per + 1 : 1) {
+        for (long i = t->scalars * t->per; i < t->size;
+             i += i % t->per == t->per - 1 ? t->per + 1 : 1) {
             const long o = i + t->per;
             lf_vec re = lf_vec_load(dw + i * BASIS + b), im = lf_vec_load(dw + o * BASIS + b);
             for (long s = 0; s < t->rays.samples; s++) {
@@ -280,11 +283,11 @@ LF_INLINE void join_keys(const long keys, const along *t, const work *w, const l
     const long row = t->size * BASIS, last = t->rays.samples - 1;
     for (long i = 0; i < t->size; i++) {
         /* real part: w_re z_re - w_im z_im; imaginary part: w_re z_im + w_im z_re */
-        const long plane = i / t->per;
-        const long other = plane == 0 ? i : plane % 2 ? i + t->per : i - t->per;
-        const lf_real sign = plane == 0 ? 0 : plane % 2 ? -1 : 1;
-        const lf_real *re = weight + (plane && plane % 2 == 0 ? other : i) * BASIS;
-        const lf_real *im = weight + (plane && plane % 2 == 0 ? i : other) * BASIS;
+        const long part = i / t->per - t->scalars; /* of a pair: real ones are even */
+        const long other = part < 0 ? i : part % 2 == 0 ? i + t->per : i - t->per;
+        const lf_real sign = part < 0 ? 0 : part % 2 == 0 ? -1 : 1;
+        const lf_real *re = weight + (part > 0 && part % 2 ? other : i) * BASIS;
+        const lf_real *im = weight + (part > 0 && part % 2 ? i : other) * BASIS;
         for (long j = 0; j < keys; j += LF_LANES) {
             lf_vec v[LF_LANES];
 #pragma GCC unroll 16

@@ -35,14 +35,14 @@ static void fill_group(const lf_blocks *k, long b, long g, lf_real *mask, lf_rea
                        lf_real *angle)
 {
     const lf_light_geometry *rays = k->rays;
-    const long planes = lf_types_planes(&k->types), v = k->view[g];
+    const long phases = lf_types_phases(&k->types), v = k->view[g];
     for (long l = 0; l < W; l++) {
         const long p = b * W + l < k->points ? b * W + l : k->points - 1;
         const long pv = p * rays->views + v;
-        const lf_real *z = rays->phase->value + (p / rays->samples * rays->views + v) * planes;
+        const lf_real *z = rays->phase->value + (p / rays->samples * rays->views + v) * phases;
         mask[g * W + l] = b * W + l < k->points ? rays->mask->value[pv] : 0;
-        for (long i = 0; i < planes; i++)
-            phase[(g * planes + i) * W + l] = z[i];
+        for (long i = 0; i < phases; i++)
+            phase[(g * phases + i) * W + l] = z[i];
         for (long i = 0; i < 3; i++)
             angle[(g * 3 + i) * W + l] = rays->angle->value[3 * pv + i];
     }
@@ -53,13 +53,13 @@ lf_blocks lf_blocks_make(lf_tape *tape, const lf_light_geometry *geometry)
     lf_light_geometry *rays = lf_alloc(tape, sizeof *rays); /* the backward needs it too */
     *rays = *geometry;
     const long points = rays->rays * rays->samples, blocks = (points + W - 1) / W;
-    const long planes = lf_types_planes(&rays->types);
+    const long phases = lf_types_phases(&rays->types);
     lf_blocks k = {rays, rays->types, points, blocks, 0, NULL, NULL, NULL, NULL, NULL, NULL};
     long *first = lf_alloc(tape, (size_t)(blocks + 1) * sizeof *first);
     long *view = lf_alloc(tape, (size_t)(blocks * rays->views) * sizeof *view);
     k.groups = list_groups(rays, points, blocks, first, view);
     lf_real *mask = lf_alloc_reals(tape, k.groups * W), *share = lf_alloc_reals(tape, blocks * W);
-    lf_real *phase = lf_alloc_reals(tape, k.groups * planes * W);
+    lf_real *phase = lf_alloc_reals(tape, k.groups * phases * W);
     k.first = first;
     k.view = view;
     k.mask = mask;
@@ -295,7 +295,7 @@ static void map_backward(const lf_node *node)
     if (w->grad)
         lf_group_map_weights(m, groups, x->value, rx, y->grad, ry, w->grad);
     if (b && b->grad)
-        lf_block_sums(groups, ry, m->out, y->grad, b->grad);
+        lf_block_sums(groups, ry, b->size, y->grad, b->grad);
 }
 
 lf_tensor *lf_blocks_map(lf_tape *tape, const lf_types *types, const lf_so2_map *layer,
@@ -304,8 +304,9 @@ lf_tensor *lf_blocks_map(lf_tape *tape, const lf_types *types, const lf_so2_map 
     const long planes = lf_types_planes(types), groups = x->dim[0];
     lf_tensor *w = lf_param(tape, layer->weight);
     lf_tensor *b = layer->bias ? lf_param(tape, layer->bias) : NULL;
-    LF_REQUIRE(x->rank == 4 && w->dim[0] == planes && x->dim[2] == planes * w->dim[1],
-               "lf_blocks_map: %ld numbers, w of %ld planes", x->dim[2], w->dim[0]);
+    LF_REQUIRE(x->rank == 4 && w->dim[0] == lf_types_matrices(types) &&
+                   x->dim[2] == planes * w->dim[1],
+               "lf_blocks_map: %ld numbers, w of %ld matrices", x->dim[2], w->dim[0]);
     lf_group_map *m = lf_alloc(tape, sizeof *m);
     *m = (lf_group_map){*types, w->dim[1], w->dim[2]};
     const long rx = x->dim[2] * W, n = planes * m->out;

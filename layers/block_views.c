@@ -17,7 +17,7 @@ enum { W = LF_BLOCK_POINTS };
 
 typedef struct turn {
     lf_blocks blocks;
-    long in, c, n, gates, hidden; /* F, C, P C, count C, width of the profile's MLP */
+    long in, c, n, gates, hidden; /* F, C, P C, Q C, width of the profile's MLP */
     bool mean;
     lf_real *m, *a, *h; /* [G, n, W], [G, gates, W], [G, hidden, W], lf_group_step apart */
 } turn;
@@ -33,18 +33,20 @@ static lf_vec weight_of(const turn *t, long b, long g, int h)
 static void turn_group(const turn *t, long b, long g, const lf_real *m, const lf_real *a,
                        lf_real *y)
 {
+    const lf_types *types = &t->blocks.types;
     const long c = t->c;
-    const lf_real *z = t->blocks.phase + g * lf_types_planes(&t->blocks.types) * W;
+    const lf_real *z = t->blocks.phase + g * lf_types_phases(types) * W;
     for (int h = 0; h < LF_PARTS; h++) {
         const lf_vec weight = weight_of(t, b, g, h);
-        for (long i = 0; i < c; i++)
+        for (long i = 0; i < lf_types_scalars(types) * c; i++)
             lf_block_add(y, i, h, weight * (1 + lf_block_get(a, i, h)) * lf_block_get(m, i, h));
-        for (long k = 1; k < t->blocks.types.count; k++) {
+        for (long k = 1; k < types->count; k++) {
             const lf_vec x = weight * lf_block_get(z, 2 * k - 1, h);
             const lf_vec s = weight * lf_block_get(z, 2 * k, h);
             for (long i = 0; i < c; i++) {
-                const long re = (2 * k - 1) * c + i, im = re + c;
-                const lf_vec f = 1 + lf_block_get(a, k * c + i, h);
+                const long re = lf_types_plane(types, k) * c + i, im = re + c;
+                const long gate = lf_types_gate(types, k) * c + i;
+                const lf_vec f = 1 + lf_block_get(a, gate, h);
                 const lf_vec u = f * lf_block_get(m, re, h), v = f * lf_block_get(m, im, h);
                 lf_block_add(y, re, h, x * u - s * v);
                 lf_block_add(y, im, h, s * u + x * v);
@@ -57,26 +59,28 @@ static void turn_group(const turn *t, long b, long g, const lf_real *m, const lf
 static void turn_group_backward(const turn *t, long b, long g, const lf_real *m, const lf_real *a,
                                 const lf_real *dy, lf_real *dm, lf_real *da)
 {
+    const lf_types *types = &t->blocks.types;
     const long c = t->c;
-    const lf_real *z = t->blocks.phase + g * lf_types_planes(&t->blocks.types) * W;
+    const lf_real *z = t->blocks.phase + g * lf_types_phases(types) * W;
     for (int h = 0; h < LF_PARTS; h++) {
         const lf_vec weight = weight_of(t, b, g, h);
-        for (long i = 0; i < c; i++) {
+        for (long i = 0; i < lf_types_scalars(types) * c; i++) {
             const lf_vec d = weight * lf_block_get(dy, i, h);
             lf_block_set(dm, i, h, (1 + lf_block_get(a, i, h)) * d);
             lf_block_set(da, i, h, lf_block_get(m, i, h) * d);
         }
-        for (long k = 1; k < t->blocks.types.count; k++) {
+        for (long k = 1; k < types->count; k++) {
             const lf_vec x = weight * lf_block_get(z, 2 * k - 1, h);
             const lf_vec s = weight * lf_block_get(z, 2 * k, h);
             for (long i = 0; i < c; i++) {
-                const long re = (2 * k - 1) * c + i, im = re + c;
+                const long re = lf_types_plane(types, k) * c + i, im = re + c;
+                const long gate = lf_types_gate(types, k) * c + i;
                 const lf_vec dr = lf_block_get(dy, re, h), di = lf_block_get(dy, im, h);
                 const lf_vec gr = x * dr + s * di, gi = x * di - s * dr;
-                const lf_vec f = 1 + lf_block_get(a, k * c + i, h);
+                const lf_vec f = 1 + lf_block_get(a, gate, h);
                 lf_block_set(dm, re, h, f * gr);
                 lf_block_set(dm, im, h, f * gi);
-                lf_block_set(da, k * c + i, h,
+                lf_block_set(da, gate, h,
                              lf_block_get(m, re, h) * gr + lf_block_get(m, im, h) * gi);
             }
         }
@@ -241,7 +245,7 @@ lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
 typedef struct update {
     lf_blocks blocks;
     lf_group_map from, to; /* C -> D, D -> C' */
-    long n, inner, gates;  /* P C, P D, count D */
+    long n, inner, gates;  /* P C, P D, Q D */
     lf_real *u, *y;        /* [G, inner, W], lf_group_step apart, like */
     lf_real *norm, *gate;  /* [G, gates, W] */
 } update;
@@ -255,8 +259,7 @@ static void mix_point(const update *t, long b, long g, lf_tensor *const *in)
                        in[0]->value + g * t->n * W, u);
     for (long i = 0; i < t->inner * W; i += LF_LANES)
         lf_vec_store(u + i, lf_vec_load(u + i) + lf_vec_load(point + i));
-    lf_group_invariants(t->blocks.types.count, t->from.out, u,
-                        t->norm + g * lf_group_step(t->gates));
+    lf_group_invariants(&t->blocks.types, t->from.out, u, t->norm + g * lf_group_step(t->gates));
 }
 
 /* `count` adjacent groups of block b. in: view, point, w, b, gate w, gate b, out w, out b. */
@@ -276,7 +279,7 @@ static void update_groups(const update *t, long b, long g, long count, lf_tensor
                               .y_step = gates};
     lf_block_product(&p, t->gates, t->gate + g * gates);
     for (long k = g; k < g + count; k++) {
-        lf_group_gate(t->blocks.types.count, t->from.out, t->u + k * step, t->gate + k * gates,
+        lf_group_gate(&t->blocks.types, t->from.out, t->u + k * step, t->gate + k * gates,
                       t->y + k * step);
         lf_group_map_apply(&t->to, in[6]->value, in[7]->value, false, false, t->y + k * step,
                            out + k * row);
@@ -289,8 +292,7 @@ static void mix_point_backward(const update *t, const lf_node *node, long b, lon
 {
     lf_tensor *const *in = node->in;
     lf_real *point = in[1]->grad ? in[1]->grad + b * t->inner * W : NULL;
-    lf_group_invariants_backward(t->blocks.types.count, t->from.out,
-                                 t->u + g * lf_group_step(t->inner),
+    lf_group_invariants_backward(&t->blocks.types, t->from.out, t->u + g * lf_group_step(t->inner),
                                  t->norm + g * lf_group_step(t->gates), dn, du);
     if (in[0]->grad)
         lf_group_map_apply(&t->from, in[2]->value, NULL, true, true, du,
@@ -312,7 +314,7 @@ static void update_groups_backward(const update *t, const lf_node *node, long b,
     for (long k = 0; k < count; k++) {
         lf_group_map_apply(&t->to, in[6]->value, NULL, true, false,
                            node->out[0]->grad + (g + k) * row, dy);
-        lf_group_gate_backward(t->blocks.types.count, t->from.out, t->u + (g + k) * step,
+        lf_group_gate_backward(&t->blocks.types, t->from.out, t->u + (g + k) * step,
                                t->gate + (g + k) * gates, dy, du + k * step, dl + k * gates);
     }
     const lf_block_terms p = {.in = t->gates,
@@ -343,12 +345,12 @@ static void update_backward(const lf_node *node)
     if (in[2]->grad)
         lf_group_map_weights(&t->from, groups, in[0]->value, t->n * W, du, step, in[2]->grad);
     if (in[3]->grad)
-        lf_block_sums(groups, step, t->from.out, du, in[3]->grad);
+        lf_block_sums(groups, step, in[3]->size, du, in[3]->grad);
     add_weights(groups, t->gates, t->norm, gates, t->gates, dl, in[4], in[5]);
     if (in[6]->grad)
         lf_group_map_weights(&t->to, groups, t->y, step, node->out[0]->grad, row, in[6]->grad);
     if (in[7]->grad)
-        lf_block_sums(groups, row, t->to.out, node->out[0]->grad, in[7]->grad);
+        lf_block_sums(groups, row, in[7]->size, node->out[0]->grad, in[7]->grad);
 }
 
 /* A pair: both maps and the gates' logits. */
@@ -380,7 +382,7 @@ lf_tensor *lf_blocks_update(lf_tape *tape, const lf_blocks *blocks, const lf_vie
                   .to = {*types, in[6]->dim[1], in[6]->dim[2]},
                   .n = view->dim[2],
                   .inner = planes * in[2]->dim[2],
-                  .gates = types->count * in[2]->dim[2]};
+                  .gates = lf_types_gates(types) * in[2]->dim[2]};
     LF_REQUIRE(view->dim[0] == groups && t->n == planes * t->from.in && t->to.in == t->from.out &&
                    in[1]->size == blocks->blocks * t->inner * W && in[5]->size == t->gates,
                "lf_blocks_update: views [%ld, 1, %ld], %ld -> %ld -> %ld channels", view->dim[0],

@@ -40,8 +40,8 @@ lf_light_geometry lf_ray_pair_geometry(lf_tape *tape, const lf_types *types, lon
 {
     LF_REQUIRE(lf_types_valid(types) && targets >= 1 && sources >= 1,
                "lf_ray_pair_geometry: %d types, %ld and %ld rays", types->count, targets, sources);
-    const long planes = lf_types_planes(types);
-    lf_tensor *phase = lf_tensor_new(tape, 3, LF_DIMS(targets, sources, planes));
+    const long phases = lf_types_phases(types);
+    lf_tensor *phase = lf_tensor_new(tape, 3, LF_DIMS(targets, sources, phases));
     lf_tensor *angle = lf_tensor_new(tape, 4, LF_DIMS(targets, 1, sources, 3));
     lf_tensor *mask = lf_tensor_new(tape, 3, LF_DIMS(targets, 1, sources));
     lf_tensor *count = lf_tensor_new(tape, 2, LF_DIMS(targets, 1)),
@@ -50,10 +50,10 @@ lf_light_geometry lf_ray_pair_geometry(lf_tape *tape, const lf_types *types, lon
     memset(depth->value, 0, (size_t)targets * sizeof *depth->value);
     for (long i = 0; i < targets * sources; i++) {
         const lf_ray_pair p = lf_ray_relative(&x[i / sources], &y[i % sources]);
-        double z[LF_PLANES_MAX];
+        double z[LF_PHASES_MAX];
         lf_harmonics(types, p.azimuth[0], p.azimuth[1], 0, z);
-        for (long k = 0; k < planes; k++)
-            phase->value[i * planes + k] = (lf_real)z[k];
+        for (long k = 0; k < phases; k++)
+            phase->value[i * phases + k] = (lf_real)z[k];
         angle->value[3 * i] = (lf_real)(4 * p.sine - 1);
         angle->value[3 * i + 1] = (lf_real)p.distance;
         angle->value[3 * i + 2] = (lf_real)p.cosine;
@@ -136,7 +136,7 @@ static mix *mix_new(lf_tape *tape, const lf_types *types, long groups, long out,
     mix *t = lf_alloc(tape, sizeof *t);
     *t = (mix){*types, groups, out, in, 1, pairs_in, pairs_out, NULL};
     t->c = lf_cols(x) / cols_of(t, pairs_in);
-    LF_REQUIRE(t->c >= 1 && x->size == groups * in * cols_of(t, pairs_in),
+    LF_REQUIRE(types->more == 0 && t->c >= 1 && x->size == groups * in * cols_of(t, pairs_in),
                "fields along rays: %ld numbers for %ld rays of %ld rows", x->size, groups, in);
     t->coefficient = lf_alloc_reals(tape, 2 * groups * out * in);
     return t;

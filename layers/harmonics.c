@@ -14,7 +14,8 @@
 
 bool lf_types_valid(const lf_types *types)
 {
-    if (types->count < 1 || types->count > LF_TYPES_MAX || types->omega[0] != 0)
+    if (types->count < 1 || types->count > LF_TYPES_MAX || types->omega[0] != 0 ||
+        types->more < 0 || types->more >= LF_SCALARS_MAX)
         return false;
     for (int k = 1; k < types->count; k++)
         if (types->omega[k] <= types->omega[k - 1] || types->omega[k] > LF_OMEGA_MAX)
@@ -50,8 +51,8 @@ void lf_harmonics(const lf_types *types, double x, double y, double epsilon, dou
 static void ray_views(const lf_types *types, const lf_light_rays *in, long ray, lf_real *phase,
                       double *offset, double *along)
 {
-    double axes[9], z[LF_PLANES_MAX];
-    const long planes = lf_types_planes(types);
+    double axes[9], z[LF_PHASES_MAX];
+    const long phases = lf_types_phases(types);
     lf_ray_axes(in->direction + 3 * ray, axes);
     for (long v = 0; v < in->views; v++) {
         double u[3] = {0, 0, 0}; /* S' (o - c) */
@@ -63,8 +64,8 @@ static void ray_views(const lf_types *types, const lf_light_rays *in, long ray, 
         offset[v] = hypot(u[0], u[1]);
         along[v] = -u[2];
         lf_harmonics(types, u[0], u[1], 1e-4 * (in->far - in->near), z);
-        for (long p = 0; p < planes; p++)
-            phase[v * planes + p] = (lf_real)z[p];
+        for (long p = 0; p < phases; p++)
+            phase[v * phases + p] = (lf_real)z[p];
     }
 }
 
@@ -95,8 +96,8 @@ lf_light_geometry lf_light_geometry_make(lf_tape *tape, const lf_types *types,
                                          const lf_light_rays *in)
 {
     require_rays(types, in);
-    const long n = in->rays, s = in->samples, v = in->views, planes = lf_types_planes(types);
-    lf_tensor *phase = lf_tensor_new(tape, 3, LF_DIMS(n, v, planes));
+    const long n = in->rays, s = in->samples, v = in->views, phases = lf_types_phases(types);
+    lf_tensor *phase = lf_tensor_new(tape, 3, LF_DIMS(n, v, phases));
     lf_tensor *angle = lf_tensor_new(tape, 4, LF_DIMS(n, s, v, 3));
     lf_tensor *mask = lf_tensor_new(tape, 3, LF_DIMS(n, s, v));
     lf_tensor *count = lf_tensor_new(tape, 2, LF_DIMS(n, s)), *depth = lf_tensor_like(tape, count);
@@ -104,7 +105,7 @@ lf_light_geometry lf_light_geometry_make(lf_tape *tape, const lf_types *types,
     const lf_mark mark = lf_tape_mark(tape);
     double *offset = lf_alloc(tape, 2 * (size_t)v * sizeof *offset), *along = offset + v;
     for (long ray = 0; ray < n; ray++) {
-        ray_views(types, in, ray, phase->value + ray * v * planes, offset, along);
+        ray_views(types, in, ray, phase->value + ray * v * phases, offset, along);
         for (long i = ray * s; i < (ray + 1) * s; i++) {
             depth->value[i] = (lf_real)((in->depth[i] - in->near) / range);
             count->value[i] = 0;

@@ -28,7 +28,7 @@ typedef struct lf_blocks {
     const long *view;     /* [G] */
     const lf_real *mask;  /* [G, W]: 1 = sees */
     const lf_real *share; /* [B, W]: 1 / views that see the point; 0 if none does */
-    const lf_real *phase; /* [G, P, W] */
+    const lf_real *phase; /* [G, 2 count - 1, W] */
     const lf_real *angle; /* [G, 3, W] */
 } lf_blocks;
 

@@ -2,14 +2,14 @@
  * neural rendering.                               [method.md 1.5, 1.6, 2.1 - 2.4, 2.8, 5b.2 - 5b.5]
  *
  * A field has types omega: the list always starts with 0 (scalars), the others are pairs that turn
- * by Rot(omega gamma) when the frame of their ray turns by gamma about it. C channels of each. A
- * feature of one point is a row of R = P C numbers, P = 2 count - 1 planes of C channels each:
+ * by Rot(omega gamma) when the frame of their ray turns by gamma about it. C channels of each, and Z
+ * times as many scalars. A feature of one point is a row of R = P C numbers, P = Z + 2 (count - 1)
+ * planes of C channels each:
  *
- *   [ scalars C | re C, im C of omega_1 | re C, im C of omega_2 | .. ]
+ *   [ scalars Z C | re C, im C of omega_1 | re C, im C of omega_2 | .. ]
  *
- * so that the real part of type k >= 1 is plane 2 k - 1, its imaginary part plane 2 k, and all
- * inner loops run over channels. Numbers that do not turn (gates, profiles, norms, gains) are [..,
- * count C], one block of C a type.
+ * so that all inner loops run over channels. Numbers that do not turn (gates, profiles, norms,
+ * gains) are [.., Q C], Q = Z + count - 1: those of the scalars, then C a type.
  *
  * Sizes: N rays (target rays), S samples a ray, V source views. Geometry is made in double, without
  * gradient; it becomes lf_real only as a feature. Ops run on the calling thread.
@@ -21,18 +21,53 @@
 #include "layers/ray_frame.h"
 
 enum { LF_ALONG_BASIS = 16, LF_KEY_VIEWS = 2 };
-enum { LF_TYPES_MAX = 9, LF_OMEGA_MAX = 1024, LF_PLANES_MAX = 2 * LF_TYPES_MAX - 1 };
+enum { LF_TYPES_MAX = 9, LF_OMEGA_MAX = 1024, LF_SCALARS_MAX = 64 };
+enum { LF_PHASES_MAX = 2 * LF_TYPES_MAX - 1 };
 
 typedef struct lf_types {
     int count; /* 1 .. LF_TYPES_MAX */
     int omega[LF_TYPES_MAX];
+    int more; /* planes of scalars besides the first: Z - 1, 0 .. LF_SCALARS_MAX - 1 */
 } lf_types;
 
 /* The list is well formed: omega[0] = 0, then ascending, at most LF_OMEGA_MAX. */
 bool lf_types_valid(const lf_types *types);
+/* Z, P, Q of above. */
+static inline long lf_types_scalars(const lf_types *types)
+{
+    return 1L + types->more;
+}
 static inline long lf_types_planes(const lf_types *types)
 {
+    return 2L * types->count - 1 + types->more;
+}
+static inline long lf_types_gates(const lf_types *types)
+{
+    return (long)types->count + types->more;
+}
+/* Plane of the real part of type k >= 1; the imaginary part is the next. */
+static inline long lf_types_plane(const lf_types *types, long k)
+{
+    return 2 * k - 1 + types->more;
+}
+/* Block of type k >= 1, and of plane p, among the numbers that do not turn. */
+static inline long lf_types_gate(const lf_types *types, long k)
+{
+    return k + types->more;
+}
+static inline long lf_types_gate_of(const lf_types *types, long p)
+{
+    return p <= types->more ? p : types->more + (p - types->more + 1) / 2;
+}
+/* Phases of a ray and a view: 1 for all scalars, a pair a type. */
+static inline long lf_types_phases(const lf_types *types)
+{
     return 2L * types->count - 1;
+}
+/* Matrices [Ci, Co] of a map within each type: Z^2 of the scalars, A and B of the others. */
+static inline long lf_types_matrices(const lf_types *types)
+{
+    return lf_types_scalars(types) * lf_types_scalars(types) + 2L * (types->count - 1);
 }
 
 /* ---- geometry ------------------------------------------------------------------------------- */
@@ -41,7 +76,8 @@ static inline long lf_types_planes(const lf_types *types)
 typedef struct lf_light_geometry {
     long rays, samples, views;
     lf_types types;
-    const lf_tensor *phase; /* [N, V, P]: 1 for the scalars, fade cos(omega alpha), fade sin */
+    const lf_tensor
+        *phase; /* [N, V, 2 count - 1]: 1, then fade cos(omega alpha), fade sin of each */
     const lf_tensor *angle; /* [N, S, V, 3]: 4 sin theta - 1, 10 (1 - cos theta), cos theta */
     const lf_tensor *mask;  /* [N, S, V]: 1 = the view sees the point */
     const lf_tensor *count; /* [N, S]: views that see the point */
@@ -57,7 +93,7 @@ typedef struct lf_light_rays {
     double near, far;                 /* far > near */
 } lf_light_rays;
 
-/* (x, y) -> phases of all types [P]: z = (x + i y) / r, r = |(x, y)|, z^omega by repeated squaring,
+/* (x, y) -> phases of all types [2 count - 1]: z = (x + i y) / r, r = |(x, y)|, z^omega by repeated squaring,
  * times fade = r^2 / (r^2 + epsilon^2); zeros for omega > 0 where r = 0.           [method.md 4.1]
  */
 void lf_harmonics(const lf_types *types, double x, double y, double epsilon, double *phase);
@@ -70,17 +106,17 @@ lf_light_geometry lf_light_geometry_make(lf_tape *tape, const lf_types *types,
 
 /* ---- maps within a type --------------------------------------------------------------------- */
 
-/* Complex-linear map: x [.., P Ci], w [P, Ci, Co] -> [.., P Co]. Plane 0 of w is the real matrix of
- * the scalars, planes 2k - 1 and 2k are A and B of type k: y = (A + i B) x. b [Co] is added to the
- * scalars; NULL: none. */
+/* Complex-linear map: x [.., P Ci], w [Z^2 + 2 (count - 1), Ci, Co] -> [.., P Co]. The first Z^2 of
+ * w are the real matrix [Z Ci, Z Co] of the scalars, then come A and B of each type: y = (A + i B)
+ * x. b [Z Co] is added to the scalars; NULL: none. */
 lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *w,
                          lf_tensor *b);
 
 typedef struct lf_so2_map {
-    const lf_parameter *weight; /* [P, Ci, Co] */
-    const lf_parameter *bias;   /* [Co] or NULL */
+    const lf_parameter *weight; /* [Z^2 + 2 (count - 1), Ci, Co] */
+    const lf_parameter *bias;   /* [Z Co] or NULL */
 } lf_so2_map;
-/* Normal weights of variance 1 / Ci for scalars, half of that for A and B, so that the size of a
+/* Normal weights of variance 1 / (Z Ci) for scalars, 1 / (2 Ci) for A and B, so that the size of a
  * field stays; bias 0. A third of it cost 2 dB after 700 steps of rendering. */
 void lf_so2_map_init(lf_store *store, lf_so2_map *layer, const char *prefix, const lf_types *types,
                      long in, long out, bool bias);
@@ -95,23 +131,23 @@ lf_tensor *lf_so2_concat(lf_tape *tape, const lf_types *types, lf_tensor *a, lf_
 /* ---- nonlinearities, all on invariants --------------------------------------------------------
  */
 
-/* Scalars as they are, and norms sqrt(|z|^2 + 1e-12): [.., P C] -> [.., count C]. */
+/* Scalars as they are, and norms sqrt(|z|^2 + 1e-12): [.., P C] -> [.., Q C]. */
 lf_tensor *lf_so2_invariants(lf_tape *tape, const lf_types *types, lf_tensor *x);
 
-/* y0 = x0 + ELU(h0), y_k = sigmoid(h_k) x_k: x [.., P C], h [.., count C].        [method.md 2.9]
+/* y0 = x0 + ELU(h0), y_k = sigmoid(h_k) x_k: x [.., P C], h [.., Q C].        [method.md 2.9]
  */
 lf_tensor *lf_so2_gate(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *h);
 
-/* y0 = ReLU(x0 + beta_0), y_k = x_k ReLU(n + beta_k) / n, n = sqrt(|x_k|^2 + 1e-8); beta [count C].
+/* y0 = ReLU(x0 + beta_0), y_k = x_k ReLU(n + beta_k) / n, n = sqrt(|x_k|^2 + 1e-8); beta [Q C].
  */
 lf_tensor *lf_so2_norm_relu(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *beta);
 
-/* y = gain x / sqrt(mean of x^2 over the row + 1e-4); gain [count C]. */
+/* y = gain x / sqrt(mean of x^2 over the row + 1e-4); gain [Q C]. */
 lf_tensor *lf_so2_layer_norm(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *gain);
 
 /* Gated nonlinearity whose gates are a linear map of the invariants. */
 typedef struct lf_so2_gated {
-    lf_linear_layer gate; /* [count C] -> [count C] */
+    lf_linear_layer gate; /* [Q C] -> [Q C] */
 } lf_so2_gated;
 void lf_so2_gated_init(lf_store *store, lf_so2_gated *layer, const char *prefix,
                        const lf_types *types, long channels);
@@ -123,7 +159,7 @@ lf_tensor *lf_so2_gated_apply(lf_tape *tape, const lf_so2_gated *layer, const lf
 
 /* Scalar ray features f_v, mapped to all types, turned to the target ray's frame:
  *   k_v = (1 + a_k) z_v^omega m_v per type,   zeros where the view does not see the point
- * m [N, S, V, P C] = W f: a real map of scalars gives any complex number; a [N, S, V, count C]: the
+ * m [N, S, V, P C] = W f: a real map of scalars gives any complex number; a [N, S, V, Q C]: the
  * profile over the angle, as its difference from 1. -> [N, S, V, P C]      [method.md 2.3, 5b.4] */
 lf_tensor *lf_ray_ray_values(lf_tape *tape, lf_tensor *m, lf_tensor *a,
                              const lf_light_geometry *rays);
@@ -133,7 +169,7 @@ lf_tensor *lf_ray_ray_mean(lf_tape *tape, lf_tensor *m, lf_tensor *a,
                            const lf_light_geometry *rays);
 
 /* Ray -> ray convolution, output regular in translation, support d0 = 0. The profile is an MLP of
- * the angles, 3 -> hidden -> count C. The bias of the map is a scalar feature that is 1. */
+ * the angles, 3 -> hidden -> Q C. The bias of the map is a scalar feature that is 1. */
 typedef struct lf_ray_ray_convolution {
     lf_linear_layer map; /* [F, P C] */
     lf_mlp profile;
@@ -240,7 +276,7 @@ typedef struct lf_spectrum {
 
 /* Types (omega, w) for all w of the spectrum: z_w = mean_y exp(i w foot_y) k_y.
  * k [N, 1, Y, P C] -> [N, 2 half + 1, 2 count C], for every type [re C | im C]: the scalars are
- * pairs as well. Each turns by omega gamma + w tau.                           [method.md 2.2, 2.4]
+ * pairs as well, Z = 1. Each turns by omega gamma + w tau.                    [method.md 2.2, 2.4]
  */
 lf_tensor *lf_along_ray_spectrum(lf_tape *tape, lf_tensor *k, const lf_light_geometry *rays,
                                  const double *foot, const lf_spectrum *spectrum);

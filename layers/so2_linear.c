@@ -5,7 +5,7 @@
  *             dA += x_re dy_re + x_im dy_im     dx_re += dy_re A' + dy_im B'
  *             dB += x_re dy_im - x_im dy_re     dx_im += dy_im A' - dy_re B'
  *
- * Shapes      x [.., P Ci], w [P, Ci, Co], b [Co] or NULL, y [.., P Co].
+ * Shapes      x [.., P Ci], w [Z^2 + 2 (count - 1), Ci, Co], b [Z Co] or NULL, y [.., P Co].
  * A map with A and B is what commutes with every turn; types never mix. The adjoint is a map of the
  * same kind, with A' and -B' in place of A and B. Channels are few, so rows run side by side:
  * blocks of rows are transposed, and one vector holds one number of each; the gradient of the
@@ -41,20 +41,28 @@ static void scatter_add(long rows, long cols, const lanes *x, lf_real *restrict 
             out[r * cols + c] += t[c * LANES + r];
 }
 
-/* y = (A + i B) x for all types of LANES rows. x [P ci], w [P, ci, co], y [P co]. */
+/* Where A of type k >= 1 stands among the weights; B is the next matrix. */
+static long matrix_of(const lf_types *types, int k, long ci, long co)
+{
+    return (lf_types_scalars(types) * lf_types_scalars(types) + 2L * (k - 1)) * ci * co;
+}
+
+/* y = (A + i B) x for all types of LANES rows. x [P ci], w as in the file's head, y [P co]. */
 static void map_lanes(const lf_types *types, long ci, long co, const lanes *x, const lf_real *w,
                       lanes *restrict y)
 {
-    for (long o = 0; o < co; o++) {
+    const long si = lf_types_scalars(types) * ci, so = lf_types_scalars(types) * co;
+    for (long o = 0; o < so; o++) {
         lanes sum = {0};
-        for (long i = 0; i < ci; i++)
-            sum += w[i * co + o] * x[i];
+        for (long i = 0; i < si; i++)
+            sum += w[i * so + o] * x[i];
         y[o] = sum;
     }
     for (int k = 1; k < types->count; k++) {
-        const lf_real *a = w + (2 * k - 1) * ci * co, *b = a + ci * co;
-        const lanes *xr = x + (2 * k - 1) * ci, *xi = xr + ci;
-        lanes *yr = y + (2 * k - 1) * co, *yi = yr + co;
+        const long plane = lf_types_plane(types, k);
+        const lf_real *a = w + matrix_of(types, k, ci, co), *b = a + ci * co;
+        const lanes *xr = x + plane * ci, *xi = xr + ci;
+        lanes *yr = y + plane * co, *yi = yr + co;
         for (long o = 0; o < co; o++) {
             lanes re = {0}, im = {0};
             for (long i = 0; i < ci; i++) {
@@ -68,18 +76,20 @@ static void map_lanes(const lf_types *types, long ci, long co, const lanes *x, c
     }
 }
 
-/* dw [P, ci, co] of LANES rows, each lane a sum of its own. */
+/* dw of LANES rows, each lane a sum of its own. */
 static void add_weight_gradient(const so2_linear *t, const lanes *x, const lanes *dy,
                                 lanes *restrict dw)
 {
     const long ci = t->in, co = t->out;
-    for (long i = 0; i < ci; i++)
-        for (long o = 0; o < co; o++)
-            dw[i * co + o] += x[i] * dy[o];
+    const long si = lf_types_scalars(&t->types) * ci, so = lf_types_scalars(&t->types) * co;
+    for (long i = 0; i < si; i++)
+        for (long o = 0; o < so; o++)
+            dw[i * so + o] += x[i] * dy[o];
     for (int k = 1; k < t->types.count; k++) {
-        lanes *da = dw + (2 * k - 1) * ci * co, *db = da + ci * co;
-        const lanes *xr = x + (2 * k - 1) * ci, *xi = xr + ci;
-        const lanes *gr = dy + (2 * k - 1) * co, *gi = gr + co;
+        const long plane = lf_types_plane(&t->types, k);
+        lanes *da = dw + matrix_of(&t->types, k, ci, co), *db = da + ci * co;
+        const lanes *xr = x + plane * ci, *xi = xr + ci;
+        const lanes *gr = dy + plane * co, *gi = gr + co;
         for (long i = 0; i < ci; i++) {
             const lanes re = xr[i], im = xi[i];
             for (long o = 0; o < co; o++) {
@@ -101,21 +111,29 @@ static void add_lanes(long n, const lanes *x, lf_real *restrict out)
     }
 }
 
-/* The adjoint's weights [P, Co, Ci]: A' and -B'. */
+/* to [columns, rows] = sign times the transpose of from [rows, columns]. */
+static void transpose(long rows, long columns, lf_real sign, const lf_real *from, lf_real *to)
+{
+    for (long r = 0; r < rows; r++)
+        for (long c = 0; c < columns; c++)
+            to[c * rows + r] = sign * from[r * columns + c];
+}
+
+/* The adjoint's weights, Co and Ci in each other's place: A' and -B'. */
 static lf_real *adjoint_weights(lf_tape *tape, const so2_linear *t, const lf_real *w)
 {
-    const long planes = lf_types_planes(&t->types);
-    lf_real *adjoint = lf_alloc_reals(tape, planes * t->in * t->out);
-    for (long p = 0; p < planes; p++) {
-        const lf_real sign = p > 0 && p % 2 == 0 ? -1 : 1;
-        for (long i = 0; i < t->in; i++)
-            for (long o = 0; o < t->out; o++)
-                adjoint[(p * t->out + o) * t->in + i] = sign * w[(p * t->in + i) * t->out + o];
+    const long ci = t->in, co = t->out, scalars = lf_types_scalars(&t->types);
+    lf_real *adjoint = lf_alloc_reals(tape, lf_types_matrices(&t->types) * ci * co);
+    transpose(scalars * ci, scalars * co, 1, w, adjoint);
+    for (int k = 1; k < t->types.count; k++) {
+        const long at = matrix_of(&t->types, k, ci, co);
+        transpose(ci, co, 1, w + at, adjoint + at);
+        transpose(ci, co, -1, w + at + ci * co, adjoint + at + ci * co);
     }
     return adjoint;
 }
 
-/* Scalars are the first Co numbers of a row. */
+/* Scalars are the first Z Co numbers of a row. */
 static void bias_backward(const lf_tensor *b, const lf_tensor *y)
 {
     for (long r = 0; r < lf_rows(y); r++)
@@ -154,10 +172,12 @@ lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_
                          lf_tensor *b)
 {
     const long planes = lf_types_planes(types), ci = lf_cols(x), rows = lf_rows(x);
-    LF_REQUIRE(w->rank == 3 && w->dim[0] == planes && ci == planes * w->dim[1],
-               "lf_so2_linear: x [.., %ld], w of %ld planes, %d types", ci, w->dim[0],
+    LF_REQUIRE(w->rank == 3 && w->dim[0] == lf_types_matrices(types) && ci == planes * w->dim[1],
+               "lf_so2_linear: x [.., %ld], w of %ld matrices, %d types", ci, w->dim[0],
                types->count);
-    LF_REQUIRE(!b || b->size == w->dim[2], "lf_so2_linear: b of %ld, not %ld", b->size, w->dim[2]);
+    const long scalars = lf_types_scalars(types);
+    LF_REQUIRE(!b || b->size == scalars * w->dim[2], "lf_so2_linear: b of %ld, not %ld", b->size,
+               scalars * w->dim[2]);
     so2_linear *t = lf_alloc(tape, sizeof *t);
     *t = (so2_linear){*types, w->dim[1], w->dim[2]};
     const long co = planes * t->out;
@@ -166,7 +186,7 @@ lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_
     lanes *lx = lf_alloc(tape, (size_t)(ci + co) * sizeof *lx), *ly = lx + ci;
     memset(y->value, 0, (size_t)y->size * sizeof *y->value);
     for (long r = 0; b && r < rows; r++)
-        memcpy(y->value + r * co, b->value, (size_t)t->out * sizeof *y->value);
+        memcpy(y->value + r * co, b->value, (size_t)b->size * sizeof *y->value);
     for (long r = 0; r < rows; r += LANES) {
         const long n = rows - r < LANES ? rows - r : LANES;
         gather(n, ci, x->value + r * ci, lx);
@@ -174,7 +194,8 @@ lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_
         scatter_add(n, co, ly, y->value + r * co);
     }
     lf_tape_release(tape, mark);
-    const double products = (1 + 4.0 * (types->count - 1)) * (double)(t->in * t->out);
+    const double products =
+        (double)(scalars * scalars + 4L * (types->count - 1)) * (double)(t->in * t->out);
     lf_products_of(tape, (double)rows * products, x, w);
     lf_record(tape, "so2_linear", backward, t, LF_IN(x, w, b), LF_OUT(y));
     return y;
@@ -189,15 +210,18 @@ void lf_so2_map_init(lf_store *store, lf_so2_map *layer, const char *prefix, con
     LF_REQUIRE(lf_types_valid(types) && in >= 1 && out >= 1, "%s: %ld -> %ld channels of %d types",
                prefix, in, out, types->count);
     char name[160];
-    const long planes = lf_types_planes(types);
+    const long matrices = lf_types_matrices(types), scalars = lf_types_scalars(types);
     snprintf(name, sizeof name, "%s.weight", prefix);
     layer->weight =
-        lf_store_add(store, name, 3, LF_DIMS(planes, in, out), 0, 1 / sqrt((double)in), true);
+        lf_store_add(store, name, 3, LF_DIMS(matrices, in, out), 0, 1 / sqrt((double)in), true);
     lf_real *w = lf_values(layer->weight);
-    for (long i = in * out; i < planes * in * out; i++)
+    const lf_real of_scalars = (lf_real)(1 / sqrt((double)scalars));
+    for (long i = 0; i < scalars * scalars * in * out; i++)
+        w[i] *= of_scalars;
+    for (long i = scalars * scalars * in * out; i < matrices * in * out; i++)
         w[i] *= (lf_real)0.7071067811865476; /* |A + i B|^2 as for the scalars */
     snprintf(name, sizeof name, "%s.bias", prefix);
-    layer->bias = bias ? lf_store_add(store, name, 1, LF_DIMS(out), 0, 0, true) : NULL;
+    layer->bias = bias ? lf_store_add(store, name, 1, LF_DIMS(scalars * out), 0, 0, true) : NULL;
 }
 
 lf_tensor *lf_so2_map_apply(lf_tape *tape, const lf_so2_map *layer, const lf_types *types,

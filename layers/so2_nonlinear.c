@@ -9,7 +9,7 @@
  *   layer_norm  y = g x q, q = (mean x^2 + 1e-4)^-1/2   dx += q (g dy - x q^2 <g dy, x> / R)
  *                                                       dg += q <dy, x> per type, channel
  *
- * Shapes      x, y [.., P C]; n, h [.., count C]; b, g [count C]; k >= 1 has two planes.
+ * Shapes      x, y [.., P C]; n, h [.., Q C]; b, g [Q C]; k >= 1 has two planes.
  * Degenerate  zero rows: every divisor is positive, every derivative finite.
  */
 #include "layers/light_field.h"
@@ -45,34 +45,36 @@ static void invariants_backward(const lf_node *node)
 {
     const saved *s = node->saved;
     const lf_tensor *x = node->in[0], *n = node->out[0];
-    const long c = s->c, planes = lf_types_planes(&s->types), count = s->types.count;
+    const long c = s->c, nx = lf_cols(x), nn = lf_cols(n);
     for (long r = 0; r < lf_rows(n); r++) {
-        const lf_real *xr = x->value + r * planes * c, *nr = n->value + r * count * c;
-        const lf_real *dn = n->grad + r * count * c;
-        lf_real *dx = x->grad + r * planes * c;
-        for (long i = 0; i < c; i++)
+        const lf_real *xr = x->value + r * nx, *nr = n->value + r * nn, *dn = n->grad + r * nn;
+        lf_real *dx = x->grad + r * nx;
+        for (long i = 0; i < lf_types_scalars(&s->types) * c; i++)
             dx[i] += dn[i];
-        for (long k = 1; k < count; k++)
+        for (long k = 1; k < s->types.count; k++)
             for (long i = 0; i < c; i++) {
-                const lf_real f = dn[k * c + i] / nr[k * c + i];
-                dx[(2 * k - 1) * c + i] += f * xr[(2 * k - 1) * c + i];
-                dx[2 * k * c + i] += f * xr[2 * k * c + i];
+                const long re = lf_types_plane(&s->types, k) * c + i, im = re + c;
+                const long gate = lf_types_gate(&s->types, k) * c + i;
+                const lf_real f = dn[gate] / nr[gate];
+                dx[re] += f * xr[re];
+                dx[im] += f * xr[im];
             }
     }
 }
 
 lf_tensor *lf_so2_invariants(lf_tape *tape, const lf_types *types, lf_tensor *x)
 {
-    const long c = channels_of(types, x, "lf_so2_invariants"), count = types->count;
-    lf_tensor *n = lf_tensor_cols(tape, x, count * c);
+    const long c = channels_of(types, x, "lf_so2_invariants");
+    lf_tensor *n = lf_tensor_cols(tape, x, lf_types_gates(types) * c);
     for (long r = 0; r < lf_rows(x); r++) {
         const lf_real *xr = x->value + r * lf_cols(x);
-        lf_real *out = n->value + r * count * c;
-        memcpy(out, xr, (size_t)c * sizeof *out);
-        for (long k = 1; k < count; k++) {
-            const lf_real *re = xr + (2 * k - 1) * c, *im = re + c;
+        lf_real *out = n->value + r * lf_cols(n);
+        memcpy(out, xr, (size_t)(lf_types_scalars(types) * c) * sizeof *out);
+        for (long k = 1; k < types->count; k++) {
+            const lf_real *re = xr + lf_types_plane(types, k) * c, *im = re + c;
             for (long i = 0; i < c; i++)
-                out[k * c + i] = LF_SQRT(re[i] * re[i] + im[i] * im[i] + norm_epsilon);
+                out[lf_types_gate(types, k) * c + i] =
+                    LF_SQRT(re[i] * re[i] + im[i] * im[i] + norm_epsilon);
         }
     }
     lf_record(tape, "so2_invariants", invariants_backward, save(tape, types, c), LF_IN(x),
@@ -94,7 +96,7 @@ static void gate_row_backward(const saved *s, const lf_real *x, const lf_real *h
                               lf_real *restrict dx, lf_real *restrict dh)
 {
     const long c = s->c;
-    for (long i = 0; i < c; i++) {
+    for (long i = 0; i < lf_types_scalars(&s->types) * c; i++) {
         if (dx)
             dx[i] += dy[i];
         if (dh)
@@ -102,14 +104,15 @@ static void gate_row_backward(const saved *s, const lf_real *x, const lf_real *h
     }
     for (long k = 1; k < s->types.count; k++)
         for (long i = 0; i < c; i++) {
-            const long re = (2 * k - 1) * c + i, im = re + c;
-            const lf_real g = sigmoid(h[k * c + i]);
+            const long re = lf_types_plane(&s->types, k) * c + i, im = re + c;
+            const long gate = lf_types_gate(&s->types, k) * c + i;
+            const lf_real g = sigmoid(h[gate]);
             if (dx) {
                 dx[re] += g * dy[re];
                 dx[im] += g * dy[im];
             }
             if (dh)
-                dh[k * c + i] += g * (1 - g) * (dy[re] * x[re] + dy[im] * x[im]);
+                dh[gate] += g * (1 - g) * (dy[re] * x[re] + dy[im] * x[im]);
         }
 }
 
@@ -125,19 +128,19 @@ static void gate_backward(const lf_node *node)
 
 lf_tensor *lf_so2_gate(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *h)
 {
-    const long c = channels_of(types, x, "lf_so2_gate"), count = types->count;
-    LF_REQUIRE(lf_rows(h) == lf_rows(x) && lf_cols(h) == count * c, "lf_so2_gate: h [%ld, %ld]",
+    const long c = channels_of(types, x, "lf_so2_gate"), gates = lf_types_gates(types) * c;
+    LF_REQUIRE(lf_rows(h) == lf_rows(x) && lf_cols(h) == gates, "lf_so2_gate: h [%ld, %ld]",
                lf_rows(h), lf_cols(h));
     lf_tensor *y = lf_tensor_like(tape, x);
     for (long r = 0; r < lf_rows(x); r++) {
-        const lf_real *xr = x->value + r * lf_cols(x), *hr = h->value + r * count * c;
+        const lf_real *xr = x->value + r * lf_cols(x), *hr = h->value + r * gates;
         lf_real *out = y->value + r * lf_cols(x);
-        for (long i = 0; i < c; i++)
+        for (long i = 0; i < lf_types_scalars(types) * c; i++)
             out[i] = xr[i] + (hr[i] > 0 ? hr[i] : (lf_real)expm1((double)hr[i]));
-        for (long k = 1; k < count; k++)
+        for (long k = 1; k < types->count; k++)
             for (long i = 0; i < c; i++) {
-                const long re = (2 * k - 1) * c + i;
-                const lf_real g = sigmoid(hr[k * c + i]);
+                const long re = lf_types_plane(types, k) * c + i;
+                const lf_real g = sigmoid(hr[lf_types_gate(types, k) * c + i]);
                 out[re] = g * xr[re];
                 out[re + c] = g * xr[re + c];
             }
@@ -151,7 +154,7 @@ void lf_so2_gated_init(lf_store *store, lf_so2_gated *layer, const char *prefix,
 {
     char name[160];
     snprintf(name, sizeof name, "%s.gate", prefix);
-    const long n = types->count * channels;
+    const long n = lf_types_gates(types) * channels;
     lf_linear_init(store, &layer->gate, name, n, n, true, 1);
 }
 
@@ -169,7 +172,7 @@ static void norm_relu_row_backward(const saved *s, const lf_real *x, const lf_re
                                    const lf_real *dy, lf_real *restrict dx, lf_real *restrict db)
 {
     const long c = s->c;
-    for (long i = 0; i < c; i++) {
+    for (long i = 0; i < lf_types_scalars(&s->types) * c; i++) {
         const lf_real g = x[i] + beta[i] > 0 ? dy[i] : 0;
         if (dx)
             dx[i] += g;
@@ -178,9 +181,10 @@ static void norm_relu_row_backward(const saved *s, const lf_real *x, const lf_re
     }
     for (long k = 1; k < s->types.count; k++)
         for (long i = 0; i < c; i++) {
-            const long re = (2 * k - 1) * c + i, im = re + c;
+            const long re = lf_types_plane(&s->types, k) * c + i, im = re + c;
+            const long gate = lf_types_gate(&s->types, k) * c + i;
             const lf_real n = LF_SQRT(x[re] * x[re] + x[im] * x[im] + relu_epsilon);
-            const lf_real b = beta[k * c + i], dot = dy[re] * x[re] + dy[im] * x[im];
+            const lf_real b = beta[gate], dot = dy[re] * x[re] + dy[im] * x[im];
             if (!(n + b > 0))
                 continue;
             if (dx) {
@@ -189,7 +193,7 @@ static void norm_relu_row_backward(const saved *s, const lf_real *x, const lf_re
                 dx[im] += f * dy[im] + slope * x[im];
             }
             if (db)
-                db[k * c + i] += dot / n;
+                db[gate] += dot / n;
         }
 }
 
@@ -205,21 +209,21 @@ static void norm_relu_backward(const lf_node *node)
 
 lf_tensor *lf_so2_norm_relu(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *beta)
 {
-    const long c = channels_of(types, x, "lf_so2_norm_relu"), count = types->count;
-    LF_REQUIRE(beta->size == count * c, "lf_so2_norm_relu: beta [%ld]", beta->size);
+    const long c = channels_of(types, x, "lf_so2_norm_relu");
+    LF_REQUIRE(beta->size == lf_types_gates(types) * c, "lf_so2_norm_relu: beta [%ld]", beta->size);
     lf_tensor *y = lf_tensor_like(tape, x);
     for (long r = 0; r < lf_rows(x); r++) {
         const lf_real *xr = x->value + r * lf_cols(x), *b = beta->value;
         lf_real *out = y->value + r * lf_cols(x);
-        for (long i = 0; i < c; i++) {
+        for (long i = 0; i < lf_types_scalars(types) * c; i++) {
             const lf_real t = xr[i] + b[i];
             out[i] = t < 0 ? 0 : t; /* NaN stays NaN */
         }
-        for (long k = 1; k < count; k++)
+        for (long k = 1; k < types->count; k++)
             for (long i = 0; i < c; i++) {
-                const long re = (2 * k - 1) * c + i, im = re + c;
+                const long re = lf_types_plane(types, k) * c + i, im = re + c;
                 const lf_real n = LF_SQRT(xr[re] * xr[re] + xr[im] * xr[im] + relu_epsilon);
-                const lf_real t = n + b[k * c + i], f = (t < 0 ? 0 : t) / n;
+                const lf_real t = n + b[lf_types_gate(types, k) * c + i], f = (t < 0 ? 0 : t) / n;
                 out[re] = f * xr[re];
                 out[im] = f * xr[im];
             }
@@ -250,7 +254,7 @@ static void layer_norm_backward(const lf_node *node)
         const lf_real q = inverse_rms(n, xr);
         lf_real dot = 0; /* <g dy, x> */
         for (long p = 0; p < planes; p++) {
-            const long block = (p + 1) / 2 * c; /* the type of plane p */
+            const long block = lf_types_gate_of(&s->types, p) * c;
             for (long i = 0; i < c; i++) {
                 const lf_real t = dy[p * c + i] * xr[p * c + i];
                 dot += gain->value[block + i] * t;
@@ -261,20 +265,23 @@ static void layer_norm_backward(const lf_node *node)
         const lf_real pull = q * q * q * dot / (lf_real)n;
         for (long j = 0; x->grad && j < n; j++)
             x->grad[r * n + j] +=
-                q * gain->value[(j / c + 1) / 2 * c + j % c] * dy[j] - pull * xr[j];
+                q * gain->value[lf_types_gate_of(&s->types, j / c) * c + j % c] * dy[j] -
+                pull * xr[j];
     }
 }
 
 lf_tensor *lf_so2_layer_norm(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_tensor *gain)
 {
     const long c = channels_of(types, x, "lf_so2_layer_norm"), n = lf_cols(x);
-    LF_REQUIRE(gain->size == types->count * c, "lf_so2_layer_norm: gain [%ld]", gain->size);
+    LF_REQUIRE(gain->size == lf_types_gates(types) * c, "lf_so2_layer_norm: gain [%ld]",
+               gain->size);
     lf_tensor *y = lf_tensor_like(tape, x);
     for (long r = 0; r < lf_rows(x); r++) {
         const lf_real *xr = x->value + r * n, q = inverse_rms(n, xr);
         for (long p = 0; p < lf_types_planes(types); p++)
             for (long i = 0; i < c; i++)
-                y->value[r * n + p * c + i] = q * gain->value[(p + 1) / 2 * c + i] * xr[p * c + i];
+                y->value[r * n + p * c + i] =
+                    q * gain->value[lf_types_gate_of(types, p) * c + i] * xr[p * c + i];
     }
     lf_record(tape, "so2_layer_norm", layer_norm_backward, save(tape, types, c), LF_IN(x, gain),
               LF_OUT(y));

@@ -28,7 +28,7 @@ void lf_ray_equivariant_init(lf_store *store, lf_ray_equivariant *net, const cha
                              const lf_ray_equivariant_config *config)
 {
     const lf_types *types = &config->types;
-    const long c = config->channels, invariants = types->count * c;
+    const long c = config->channels, invariants = lf_types_gates(types) * c;
     char name[96];
     require_config(config);
     *net = (lf_ray_equivariant){.config = *config};
@@ -58,7 +58,7 @@ static lf_tensor *norm(lf_tape *tape, const lf_ray_equivariant *net, int place, 
     return gain ? lf_blocks_norm(tape, &net->config.types, x, lf_param(tape, gain)) : x;
 }
 
-/* [invariants of x; views that see a sample over all views, less a half]: [B, 1, count C + 1, W].
+/* [invariants of x; views that see a sample over all views, less a half]: [B, 1, Q C + 1, W].
  */
 static lf_tensor *density_inputs(lf_tape *tape, const lf_blocks *blocks, lf_tensor *x)
 {
@@ -90,6 +90,7 @@ lf_radiance lf_ray_equivariant_apply(lf_tape *tape, const lf_ray_equivariant *ne
 {
     const lf_light_geometry *rays = in->geometry;
     LF_REQUIRE(rays->types.count == net->config.types.count &&
+                   rays->types.more == net->config.types.more &&
                    lf_cols(in->seen) == net->config.inputs,
                "ray_equivariant: %d types, %ld numbers a view, not %d and %ld", rays->types.count,
                lf_cols(in->seen), net->config.types.count, net->config.inputs);
@@ -119,7 +120,8 @@ lf_radiance lf_ray_equivariant_apply(lf_tape *tape, const lf_ray_equivariant *ne
 /* Of a map within each type from ci to co channels: complex products are four real ones. */
 static double map_macs(const lf_types *types, double ci, double co)
 {
-    return (1 + 4.0 * (types->count - 1)) * ci * co;
+    const double scalars = (double)lf_types_scalars(types);
+    return (scalars * scalars + 4.0 * (types->count - 1)) * ci * co;
 }
 
 double lf_ray_equivariant_macs(const lf_ray_equivariant *net, long samples, long views)
@@ -127,7 +129,8 @@ double lf_ray_equivariant_macs(const lf_ray_equivariant *net, long samples, long
     const lf_ray_equivariant_config *config = &net->config;
     const lf_types *types = &config->types;
     const double c = (double)config->channels, hidden = (double)config->hidden;
-    const double row = (double)lf_types_planes(types) * c, gates = types->count * c;
+    const double row = (double)lf_types_planes(types) * c,
+                 gates = (double)lf_types_gates(types) * c;
     const double kernel = ((double)config->inputs + 3) * row + (3 + gates) * hidden;
     const double update = 2 * map_macs(types, c, 2 * c) + 4 * gates * gates;
     const double view = 3 * kernel + 2 * update + 2 * row;

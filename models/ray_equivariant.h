@@ -22,7 +22,7 @@
 typedef struct lf_ray_equivariant_config {
     lf_types types;
     long inputs;   /* F, numbers a sample and view; the first three are red, green, blue */
-    long channels; /* C of each type */
+    long channels; /* C of each type; types say how many times as many scalars */
     long hidden;   /* width of the profiles' MLPs */
     int heads;     /* divides the channels */
     bool layer_norm;
@@ -36,7 +36,7 @@ typedef struct lf_ray_equivariant {
     lf_along_ray_layer along;
     lf_so2_gated gated;
     lf_so2_map mix;
-    const lf_parameter *gain[3]; /* of the norms: [count C]; NULL without */
+    const lf_parameter *gain[3]; /* of the norms: [Q C]; NULL without */
     lf_mlp density;
 } lf_ray_equivariant;
 

@@ -8,6 +8,8 @@ static lf_types types_of(const lf_config *cfg)
     lf_types types = {.count = count};
     for (int i = 0; i < count; i++)
         types.omega[i] = (int)omega[i];
+    const long scalars = lf_config_int(cfg, "render.scalars");
+    types.more = scalars ? (int)(scalars / lf_config_int(cfg, "render.channels")) - 1 : 0;
     return types;
 }
 
@@ -68,7 +70,8 @@ lf_radiance lf_renderer_radiance(lf_tape *tape, const lf_renderer *model, int ne
 
 lf_types lf_renderer_types(const lf_renderer *model)
 {
-    return model->config.equivariant ? model->config.ray.types : (lf_types){1, {0}};
+    return model->config.equivariant ? model->config.ray.types
+                                     : (lf_types){.count = 1, .omega = {0}};
 }
 
 double lf_renderer_network_macs(const lf_renderer *model, int network)

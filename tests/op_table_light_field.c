@@ -3,8 +3,10 @@
 #include "layers/light_blocks.h"
 #include "tests/gradcheck.h"
 
-enum { N = 2, S = 4, V = 3, C = 2, T = 3, P = 5, F = 4 };
-static const lf_types types = {T, {0, 2, 5}};
+enum { N = 2, S = 4, V = 3, C = 2, T = 3, Z = 2, F = 4 };
+enum { P = Z + 2 * (T - 1), Q = Z + T - 1, M = Z * Z + 2 * (T - 1) }; /* light_field.h */
+static const lf_types types = {.count = T, .omega = {0, 2, 5}, .more = Z - 1},
+                      even = {.count = T, .omega = {0, 2, 5}};
 
 /* Two rays and three cameras; the second ray's first point is seen by none, its second by one. */
 static lf_light_geometry geometry(lf_tape *tape)
@@ -254,7 +256,7 @@ static int blocks_cross(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf
     return 2;
 }
 
-/* x [N, S, P C], gain [T C], gates w [T C, T C], b [T C]. */
+/* x [N, S, P C], gain [Q C], gates w [Q C, Q C], b [Q C]. */
 static int blocks_of_points(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tensor **out)
 {
     const lf_light_geometry g = geometry(tape);
@@ -315,9 +317,9 @@ static int fourier(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tens
     double foot[2 * 4];
     const double t[] = {-1, 0, 1, -2, 0.5, 2};
     const lf_spectrum s = {3, 0.7, 0.3};
-    const lf_light_geometry g = lf_ray_pair_geometry(tape, &types, 2, ray, 4, ray + 2, foot);
+    const lf_light_geometry g = lf_ray_pair_geometry(tape, &even, 2, ray, 4, ray + 2, foot);
     out[0] = lf_along_ray_spectrum(tape, in[0], &g, foot, &s);
-    out[1] = lf_along_ray_inverse(tape, in[1], &types, 2, 3, t, &s);
+    out[1] = lf_along_ray_inverse(tape, in[1], &even, 2, 3, t, &s);
     out[2] = lf_along_ray_regular(tape, in[0], &g, foot, 3, t, 1.5);
     return 3;
 }
@@ -381,16 +383,16 @@ static int volume_opaque(lf_tape *tape, lf_store *store, lf_tensor *const *in, l
 #define PROFILE X(LF_ALONG_BASIS, P *C)
 
 const op_case light_field_cases[] = {
-    {"so2_linear", linear, {X(21, P *C), X(P, C, 3), X(3)}, 3, 0},
+    {"so2_linear", linear, {X(21, P *C), X(M, C, 3), X(Z * 3)}, 3, 0},
     {"so2_concat", concat, {X(6, P *C), X(6, P * 3)}, 2, 0},
     {"so2_invariants", invariants, {X(6, P *C)}, 1, 0},
     {"so2_invariants: zeros", invariants, {FILLED(FILL_ZERO, 2, P *C)}, 1, 0},
-    {"so2_gate", gate, {X(6, P *C), X(6, T *C)}, 2, 0},
-    {"so2_norm_relu", norm_relu, {X(6, P *C), X(T *C)}, 2, 0},
-    {"so2_layer_norm", layer_norm, {X(6, P *C), X(T *C)}, 2, 0},
-    {"so2_layer_norm: zeros", layer_norm, {FILLED(FILL_ZERO, 2, P *C), X(T *C)}, 2, 0},
+    {"so2_gate", gate, {X(6, P *C), X(6, Q *C)}, 2, 0},
+    {"so2_norm_relu", norm_relu, {X(6, P *C), X(Q *C)}, 2, 0},
+    {"so2_layer_norm", layer_norm, {X(6, P *C), X(Q *C)}, 2, 0},
+    {"so2_layer_norm: zeros", layer_norm, {FILLED(FILL_ZERO, 2, P *C), X(Q *C)}, 2, 0},
     {"so2 map, gated", map_and_gate, {X(6, P *C)}, 1, 0},
-    {"ray_ray: values, mean", ray_ray, {X(N, S, V, P *C), X(N, S, V, T *C)}, 2, 0},
+    {"ray_ray: values, mean", ray_ray, {X(N, S, V, P *C), X(N, S, V, Q *C)}, 2, 0},
     {"ray_ray_convolution", convolution, {X(N, S, V, F)}, 1, 0},
     {"cross_attention", cross_attention, {X(N, S, P *C), X(N, S, V, P *C), X(N, S, V, P *C)}, 3, 0},
     {"blend_views", blend, {X(N, S, V), X(N, S, V, 3)}, 2, 0},
@@ -404,7 +406,7 @@ const op_case light_field_cases[] = {
     {"along ray layer", along_ray_layer, {ROWS}, 1, 0},
     {"blocks: views", blocks_of_views, {X(N, S, V, F), ROWS}, 2, 0},
     {"blocks: cross attention layer", blocks_cross, {X(N, S, V, F), ROWS}, 2, 0},
-    {"blocks: points", blocks_of_points, {ROWS, X(T *C), X(T *C, T *C), X(T *C)}, 4, 0},
+    {"blocks: points", blocks_of_points, {ROWS, X(Q *C), X(Q *C, Q *C), X(Q *C)}, 4, 0},
     {"blocks: along ray layer", blocks_along, {ROWS}, 1, 0},
     {"blocks: along ray attention",
      blocks_along_attention,
@@ -413,7 +415,7 @@ const op_case light_field_cases[] = {
      0},
     {"along_ray: spectrum, inverse, regular",
      fourier,
-     {X(2, 1, 4, P *C), X(2, 7, 2 * T * C)},
+     {X(2, 1, 4, (2 * T - 1) * C), X(2, 7, 2 * T * C)},
      2,
      0},
     {"density", density, {X(2, 3, 1)}, 1, 0},

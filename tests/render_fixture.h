@@ -147,7 +147,7 @@ static inline void stir(lf_store *store)
 
 static inline void open_net(net *n, net_options o)
 {
-    const lf_types types = o.types.count ? o.types : (lf_types){3, {0, 2, 5}};
+    const lf_types types = o.types.count ? o.types : (lf_types){.count = 3, .omega = {0, 2, 5}};
     const lf_renderer_config config = {.equivariant = !o.ibrnet,
                                        .features = {.kind = LF_FEATURES_SMALL,
                                                     .width = 4,

@@ -12,21 +12,22 @@
 enum { BASIS = LF_ALONG_BASIS, INPUTS = 5, VIEWS = 2 };
 
 typedef struct shape {
-    long rays, samples, types, channels;
+    long rays, samples, types, more, channels; /* more: planes of scalars */
     int heads;
 } shape;
 
 static const shape shapes[] = {
-    {1, 1, 1, 1, 1},  {3, 1, 2, 2, 1},  {2, 3, 3, 3, 3},   {2, 7, 2, 5, 1},
-    {2, 8, 2, 5, 5},  {3, 9, 1, 4, 2},  {1, 15, 3, 4, 2},  {3, 16, 2, 3, 1},
-    {2, 17, 3, 1, 1}, {1, 31, 2, 6, 2}, {2, 32, 1, 2, 1},  {1, 33, 9, 2, 2},
-    {1, 48, 2, 3, 3}, {1, 53, 2, 7, 7}, {2, 5, 1, 64, 64}, {1, 65, 1, 1, 1},
+    {1, 1, 1, 0, 1, 1},  {3, 1, 2, 0, 2, 1},  {2, 3, 3, 0, 3, 3},   {2, 7, 2, 0, 5, 1},
+    {2, 8, 2, 0, 5, 5},  {3, 9, 1, 0, 4, 2},  {1, 15, 3, 0, 4, 2},  {3, 16, 2, 0, 3, 1},
+    {2, 17, 3, 0, 1, 1}, {1, 31, 2, 0, 6, 2}, {2, 32, 1, 0, 2, 1},  {1, 33, 9, 0, 2, 2},
+    {1, 48, 2, 0, 3, 3}, {1, 53, 2, 0, 7, 7}, {2, 5, 1, 0, 64, 64}, {1, 65, 1, 0, 1, 1},
+    {2, 7, 1, 2, 3, 1},  {2, 17, 3, 1, 4, 2}, {1, 33, 2, 4, 2, 2},  {3, 9, 4, 7, 2, 1},
 };
 enum { SHAPES = sizeof shapes / sizeof *shapes };
 
 static long row_of(const shape *s)
 {
-    return (2 * s->types - 1) * s->channels;
+    return (2 * s->types - 1 + s->more) * s->channels;
 }
 
 /* Of q, k, v [N, S, P C] and the profiles of keys and values [BASIS, P C]. */
@@ -47,11 +48,16 @@ static complex_number times(complex_number a, complex_number b)
     return (complex_number){a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
 }
 
-/* Number c of type t of a row [P, C]. */
+/* Number c of part t of a row [P, C]: the planes of scalars, then the types. */
+static long part_at(const shape *s, long t, long c)
+{
+    return (t <= s->more ? t : 2 * t - s->more - 1) * s->channels + c;
+}
+
 static complex_number number_at(const shape *s, const double *row, long t, long c)
 {
-    const long re = t ? (2 * t - 1) * s->channels + c : c;
-    return (complex_number){row[re], t ? row[re + s->channels] : 0};
+    const long re = part_at(s, t, c);
+    return (complex_number){row[re], t > s->more ? row[re + s->channels] : 0};
 }
 
 /* c(D) x */
@@ -78,7 +84,7 @@ static void weigh(const shape *s, const double *const x[INPUTS], const double *d
     for (long j = 0; j < s->samples; j++) {
         const double d = depth[first + j] - depth[first + i];
         weight[j] = 0;
-        for (long t = 0; t < s->types; t++)
+        for (long t = 0; t < s->types + s->more; t++)
             for (long c = head * per; c < (head + 1) * per; c++) {
                 const complex_number q = number_at(s, x[0] + (first + i) * n, t, c);
                 const complex_number k = turned(s, x[3], d, x[1] + (first + j) * n, t, c);
@@ -104,13 +110,13 @@ static void formula(const shape *s, const double *const x[INPUTS], const double 
             const long first = p / s->samples * s->samples;
             weigh(s, x, depth, count, first, p - first, h, weight);
             for (long j = first; j < first + s->samples; j++)
-                for (long t = 0; t < s->types; t++)
+                for (long t = 0; t < s->types + s->more; t++)
                     for (long c = h * per; c < (h + 1) * per; c++) {
                         const complex_number v =
                             turned(s, x[4], depth[j] - depth[p], x[2] + j * n, t, c);
-                        double *to = y + p * n + (t ? 2 * t - 1 : 0) * s->channels + c;
+                        double *to = y + p * n + part_at(s, t, c);
                         to[0] += weight[j - first] * v.re;
-                        if (t)
+                        if (t > s->more)
                             to[s->channels] += weight[j - first] * v.im;
                     }
         }
@@ -176,12 +182,14 @@ static lf_tensor *filled(lf_tape *tape, int rank, const long *dim, const double 
 static lf_light_geometry geometry_of(lf_tape *tape, const attention_case *c)
 {
     const shape *s = &c->s;
-    const long n = s->rays, planes = 2 * s->types - 1;
-    lf_light_geometry g = {n,    s->samples, VIEWS, {(int)s->types, {0}}, NULL, NULL,
-                           NULL, NULL,       NULL};
+    const long n = s->rays, phases = 2 * s->types - 1;
+    lf_light_geometry g = {
+        n,    s->samples, VIEWS, {.count = (int)s->types, .omega = {0}, .more = (int)s->more},
+        NULL, NULL,       NULL,  NULL,
+        NULL};
     for (int t = 1; t < s->types; t++)
         g.types.omega[t] = t;
-    g.phase = filled(tape, 3, LF_DIMS(n, VIEWS, planes), NULL);
+    g.phase = filled(tape, 3, LF_DIMS(n, VIEWS, phases), NULL);
     g.angle = filled(tape, 4, LF_DIMS(n, s->samples, VIEWS, 3), NULL);
     g.mask = filled(tape, 3, LF_DIMS(n, s->samples, VIEWS), NULL);
     g.count = filled(tape, 2, LF_DIMS(n, s->samples), c->count);

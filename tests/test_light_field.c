@@ -7,7 +7,7 @@
 
 enum { N = 5, S = 6, V = 4, C = 4, F = 7, T = 9, P = 2 * T - 1, MOTIONS = 100 };
 #define EXACT (sizeof(lf_real) == 8) /* the double build */
-static const lf_types types = {T, {0, 1, 2, 4, 8, 16, 32, 64, 128}};
+static const lf_types types = {.count = T, .omega = {0, 1, 2, 4, 8, 16, 32, 64, 128}};
 
 static double layer_tolerance(void)
 {
@@ -231,8 +231,8 @@ static void far_away(void **state)
 static void phases_are_powers(void **state)
 {
     (void)state;
-    const lf_types list = {5, {0, 1, 3, 100, 1000}};
-    double z[LF_PLANES_MAX];
+    const lf_types list = {.count = 5, .omega = {0, 1, 3, 100, 1000}};
+    double z[LF_PHASES_MAX];
     for (int i = 0; i < 100; i++) {
         const double alpha = 0.063 * i - 3.14, r = pow(10, i % 7 - 3);
         lf_harmonics(&list, r * cos(alpha), r * sin(alpha), 0, z);
@@ -247,7 +247,7 @@ static void phases_are_powers(void **state)
 static void phases_fade_on_the_axis(void **state)
 {
     (void)state;
-    double z[LF_PLANES_MAX];
+    double z[LF_PHASES_MAX];
     lf_harmonics(&types, 0, 0, 1e-4, z);
     assert_true(z[0] == 1);
     for (int p = 1; p < P; p++)
@@ -264,7 +264,7 @@ static void phases_fade_on_the_axis(void **state)
 static void nearly_parallel_rays(void **state)
 {
     (void)state;
-    double z[LF_PLANES_MAX];
+    double z[LF_PHASES_MAX];
     const double alpha = 0.7;
     lf_harmonics(&types, 1e-7 * cos(alpha), 1e-7 * sin(alpha), 0, z);
     assert_close(z[P - 2], cos(128 * alpha), 0, 1e-12);
@@ -275,12 +275,13 @@ static void lists_of_types(void **state)
 {
     (void)state;
     assert_true(lf_types_valid(&types));
-    assert_true(lf_types_valid(&(lf_types){1, {0}}));
-    assert_false(lf_types_valid(&(lf_types){0, {0}}));
-    assert_false(lf_types_valid(&(lf_types){2, {1, 2}}));
-    assert_false(lf_types_valid(&(lf_types){3, {0, 4, 4}}));
-    assert_false(lf_types_valid(&(lf_types){2, {0, LF_OMEGA_MAX + 1}}));
-    assert_false(lf_types_valid(&(lf_types){LF_TYPES_MAX + 1, {0, 1, 2, 3, 4, 5, 6, 7, 8}}));
+    assert_true(lf_types_valid(&(lf_types){.count = 1, .omega = {0}}));
+    assert_false(lf_types_valid(&(lf_types){.count = 0, .omega = {0}}));
+    assert_false(lf_types_valid(&(lf_types){.count = 2, .omega = {1, 2}}));
+    assert_false(lf_types_valid(&(lf_types){.count = 3, .omega = {0, 4, 4}}));
+    assert_false(lf_types_valid(&(lf_types){.count = 2, .omega = {0, LF_OMEGA_MAX + 1}}));
+    assert_false(lf_types_valid(
+        &(lf_types){.count = LF_TYPES_MAX + 1, .omega = {0, 1, 2, 3, 4, 5, 6, 7, 8}}));
 }
 
 /* Angles from depths against angles from vectors. */

@@ -18,7 +18,8 @@ enum {
     ENOUGH = 8192
 };
 #define EXACT (sizeof(lf_real) == 8) /* the double build */
-static const lf_types types = {8, {0, 2, 4, 8, 16, 32, 64, 128}};
+static const lf_types types = {.count = 8, .omega = {0, 2, 4, 8, 16, 32, 64, 128}},
+                      scalars_too = {.count = 3, .omega = {0, 1, 4}, .more = 3};
 
 typedef struct scene {
     long views;
@@ -84,10 +85,10 @@ static scene make_scene(void)
     return s;
 }
 
-static net open_net(bool layer_norm, bool along_ray)
+static net open_net_of(const lf_types *list, bool layer_norm, bool along_ray)
 {
     net n = {.store = lf_store_create(7), .tape = lf_tape_create()};
-    const lf_ray_equivariant_config config = {types, F, C, 16, 4, layer_norm, along_ray};
+    const lf_ray_equivariant_config config = {*list, F, C, 16, 4, layer_norm, along_ray};
     lf_ray_equivariant_init(n.store, &n.model, "net", &config);
     lf_stream r = lf_stream_at(7, LF_RANDOM_TEST, 61, 0); /* biases that are not 0 */
     for (int i = 0; i < lf_store_count(n.store); i++) {
@@ -96,6 +97,11 @@ static net open_net(bool layer_norm, bool along_ray)
             lf_values(p)[k] += (lf_real)(0.3 * lf_normal(&r));
     }
     return n;
+}
+
+static net open_net(bool layer_norm, bool along_ray)
+{
+    return open_net_of(&types, layer_norm, along_ray);
 }
 
 static void close_net(net *n)
@@ -110,7 +116,7 @@ static lf_radiance run(const net *n, lf_tape *tape, const scene *s, lf_real *gra
     const lf_light_rays rays = {N,        S,         s->views, s->origin, s->direction,
                                 s->depth, s->centre, s->seen,  2,         4};
     lf_light_geometry *g = lf_alloc(tape, sizeof *g);
-    *g = lf_light_geometry_make(tape, &types, &rays);
+    *g = lf_light_geometry_make(tape, &n->model.config.types, &rays);
     lf_tensor *seen =
         lf_leaf(tape, 4, LF_DIMS(N, S, s->views, F), (lf_real *)(uintptr_t)s->feature, grad);
     return lf_ray_equivariant_apply(tape, &n->model, &(lf_ray_inputs){seen, g, NULL});
@@ -124,31 +130,31 @@ static double error_of(lf_radiance a, lf_radiance b)
 
 /* ---- the same network, layer by layer ---- */
 
-static lf_tensor *norm(lf_tape *tape, const lf_parameter *gain, lf_tensor *x)
+static lf_tensor *norm(lf_tape *tape, const lf_ray_equivariant *m, int place, lf_tensor *x)
 {
-    return lf_so2_layer_norm(tape, &types, x, lf_param(tape, gain));
+    return lf_so2_layer_norm(tape, &m->config.types, x, lf_param(tape, m->gain[place]));
 }
 
 /* From the layers of light_field.h, which keep points and views in rows. */
 static lf_radiance run_layers(const net *n, lf_tape *tape, const scene *s)
 {
     const lf_ray_equivariant *m = &n->model;
+    const lf_types *list = &m->config.types;
     const lf_light_rays rays = {N,        S,         s->views, s->origin, s->direction,
                                 s->depth, s->centre, s->seen,  2,         4};
-    const lf_light_geometry g = lf_light_geometry_make(tape, &types, &rays);
+    const lf_light_geometry g = lf_light_geometry_make(tape, list, &rays);
     lf_tensor *seen =
         lf_leaf(tape, 4, LF_DIMS(N, S, s->views, F), (lf_real *)(uintptr_t)s->feature, NULL);
     lf_tensor *x = lf_ray_ray_convolution_apply(tape, &m->convolution, seen, &g);
-    const lf_attended a =
-        lf_cross_attention_apply(tape, &m->cross, seen, norm(tape, m->gain[0], x), &g);
-    x = norm(tape, m->gain[1], a.field);
-    x = norm(tape, m->gain[2], lf_add(tape, x, lf_along_ray_apply(tape, &m->along, x, &g)));
-    lf_tensor *y = lf_so2_gated_apply(tape, &m->gated, &types, x);
-    x = lf_add(tape, x, lf_so2_map_apply(tape, &m->mix, &types, y));
+    const lf_attended a = lf_cross_attention_apply(tape, &m->cross, seen, norm(tape, m, 0, x), &g);
+    x = norm(tape, m, 1, a.field);
+    x = norm(tape, m, 2, lf_add(tape, x, lf_along_ray_apply(tape, &m->along, x, &g)));
+    lf_tensor *y = lf_so2_gated_apply(tape, &m->gated, list, x);
+    x = lf_add(tape, x, lf_so2_map_apply(tape, &m->mix, list, y));
     lf_tensor *share = lf_tensor_new(tape, 3, LF_DIMS(N, S, 1));
     for (int i = 0; i < POINTS; i++)
         share->value[i] = g.count->value[i] / (lf_real)s->views - (lf_real)0.5;
-    lf_tensor *parts[] = {lf_so2_invariants(tape, &types, x), share};
+    lf_tensor *parts[] = {lf_so2_invariants(tape, list, x), share};
     lf_tensor *t = lf_mlp_apply(tape, &m->density, lf_concat(tape, 2, parts));
     return (lf_radiance){lf_blend_columns(tape, a.weight, seen, LF_RGB),
                          lf_density(tape, t, g.count)};
@@ -161,10 +167,12 @@ static void blocks_are_the_layers(void **state)
     memset(s.seen, 0, 3 * V); /* samples that no view sees */
     for (int p = S; p < S + 16 && p < POINTS; p++)
         s.seen[p * V + 3] = 0; /* a view that sees no sample of a block, or few */
-    net n = open_net(true, true);
-    const lf_radiance layers = run_layers(&n, n.tape, &s);
-    assert_below(error_of(run(&n, n.tape, &s, NULL), layers), EXACT ? 1e-12 : 1e-5);
-    close_net(&n);
+    for (int more = 0; more < 2; more++) {
+        net n = open_net_of(more ? &scalars_too : &types, true, true);
+        const lf_radiance layers = run_layers(&n, n.tape, &s);
+        assert_below(error_of(run(&n, n.tape, &s, NULL), layers), EXACT ? 1e-12 : 1e-5);
+        close_net(&n);
+    }
 }
 
 /* ---- motions ---- */
@@ -200,11 +208,11 @@ static scene moved(const scene *s, const lf_frame *g)
     return m;
 }
 
-static void check_motions(bool layer_norm, bool along_ray)
+static void check_motions(const lf_types *list, bool layer_norm, bool along_ray)
 {
     static const double reach[] = {0, 1, 1000}; /* scene radii */
     const scene s = make_scene();
-    net n = open_net(layer_norm, along_ray);
+    net n = open_net_of(list, layer_norm, along_ray);
     lf_tape *other = lf_tape_create();
     const lf_radiance before = run(&n, n.tape, &s, NULL);
     for (int i = 0; i < DRAWS; i++) {
@@ -220,9 +228,10 @@ static void check_motions(bool layer_norm, bool along_ray)
 static void motions_change_nothing(void **state)
 {
     (void)state;
-    check_motions(true, true);
-    check_motions(false, true);
-    check_motions(true, false);
+    check_motions(&types, true, true);
+    check_motions(&types, false, true);
+    check_motions(&types, true, false);
+    check_motions(&scalars_too, true, true);
 }
 
 /* The frame of a ray about it is a free choice: another one turns the phases of all its views by
@@ -231,17 +240,17 @@ static void gauges_change_nothing(void **state)
 {
     (void)state;
     const scene s = make_scene();
-    net n = open_net(true, true);
+    net n = open_net_of(&scalars_too, true, true);
     const lf_radiance before = run(&n, n.tape, &s, NULL);
     const lf_light_rays rays = {N, S, V, s.origin, s.direction, s.depth, s.centre, s.seen, 2, 4};
-    lf_light_geometry g = lf_light_geometry_make(n.tape, &types, &rays);
-    const long planes = lf_types_planes(&types);
+    lf_light_geometry g = lf_light_geometry_make(n.tape, &scalars_too, &rays);
+    const long phases = lf_types_phases(&scalars_too);
     for (long i = 0; i < N * V; i++) {
-        double turn[LF_PLANES_MAX];
+        double turn[LF_PHASES_MAX];
         const double angle = 0.7 + 1.3 * (double)(i / V);
-        lf_harmonics(&types, cos(angle), sin(angle), 0, turn);
-        lf_real *z = g.phase->value + i * planes;
-        for (long p = 1; p < planes; p += 2) {
+        lf_harmonics(&scalars_too, cos(angle), sin(angle), 0, turn);
+        lf_real *z = g.phase->value + i * phases;
+        for (long p = 1; p < phases; p += 2) {
             const double re = (double)z[p], im = (double)z[p + 1];
             z[p] = (lf_real)(re * turn[p] - im * turn[p + 1]);
             z[p + 1] = (lf_real)(re * turn[p + 1] + im * turn[p]);

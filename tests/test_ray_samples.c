@@ -8,7 +8,7 @@
 
 enum { C = 4, T = 9, P = 2 * T - 1 };
 #define EXACT (sizeof(lf_real) == 8) /* the double build */
-static const lf_types types = {T, {0, 1, 2, 4, 8, 16, 32, 64, 128}};
+static const lf_types types = {.count = T, .omega = {0, 1, 2, 4, 8, 16, 32, 64, 128}};
 
 /* ---- attention along the ray ---- */
 

@@ -136,7 +136,7 @@ static void test_equivariant_products(void **state)
     (void)state;
     net n;
     scene s;
-    open_net(&n, (net_options){.types = {4, {0, 1, 2, 5}}});
+    open_net(&n, (net_options){.types = {.count = 4, .omega = {0, 1, 2, 5}}});
     make_scene(&s);
     const lf_profile_row r = products_of(&n, &s);
     const lf_ray_equivariant *model = &n.model.equivariant[LF_COARSE];

@@ -7,10 +7,16 @@
 
 enum { FINE = 6 };
 
-/* The last two are ablations: no attention along the ray, scalars alone. */
-static const net_options kinds[] = {{.ibrnet = false}, {.ibrnet = true},
-                                    {.fine = FINE},    {.ibrnet = true, .fine = FINE},
-                                    {.alone = true},   {.types = {1, {0}}}};
+/* Behind the whole networks: no attention along the ray, scalars alone, more scalars than pairs. */
+static const net_options kinds[] = {
+    {.ibrnet = false},
+    {.ibrnet = true},
+    {.fine = FINE},
+    {.ibrnet = true, .fine = FINE},
+    {.alone = true},
+    {.types = {.count = 1, .omega = {0}}},
+    {.types = {.count = 3, .omega = {0, 2, 5}, .more = 2}},
+};
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
 /* Source 1 with a smaller picture of its own lens. */

@@ -9,7 +9,7 @@ static const net_options kinds[] = {
     {.ibrnet = true},
     {.fine = FINE},
     {.ibrnet = true, .fine = FINE},
-    {.types = {9, {0, 1, 2, 4, 8, 16, 32, 64, 128}}},
+    {.types = {.count = 9, .omega = {0, 1, 2, 4, 8, 16, 32, 64, 128}}},
 };
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
