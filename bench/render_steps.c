@@ -223,8 +223,8 @@ static lf_bench_work *open_sets(const lf_bench_case *c, const char *const *sets,
 static lf_bench_work *open_tiny(const lf_bench_case *c)
 {
     static const char *const sets[] = {"model.type=renderer", "render.types=0, 1, 2, 4",
-                                       "render.samples=40"};
-    return open_sets(c, sets, 3);
+                                       "render.scalars=16", "render.samples=40"};
+    return open_sets(c, sets, 4);
 }
 
 static lf_bench_work *open_tiny_ibrnet(const lf_bench_case *c)

@@ -19,8 +19,8 @@ describe() {
     renderer) config=render-tiny ;;
     ibrnet) config=render-tiny keys="model.type=ibrnet" ;;
     renderer-without-along-ray) config=render-tiny keys="render.along_ray=false" ;;
-    renderer-scalars) config=render-tiny keys="render.types=0 render.channels=16" ;; # of about equal parameters
-    renderer-wide) config=render-tiny keys="render.channels=8" ;;
+    renderer-scalars) config=render-tiny keys="render.types=0 render.scalars=0 render.channels=24" ;; # of about equal parameters
+    renderer-wide) config=render-tiny keys="render.channels=8 render.scalars=32" ;;
     esac
 }
 
@@ -37,7 +37,10 @@ size_keys() {
             render.fine_samples=64 render.sources=10 eval.sources=10 render.features=32 \
             render.feature_net=resnet34 render.feature_width=64 train.rays=512 ;;
         esac
-        case $size-$1 in paper-renderer-scalars) echo render.channels=28 ;; paper-*) echo render.types=0,2,4,8,16,32,64,128 ;; esac ;;
+        case $size-$1 in
+        paper-renderer-scalars) echo render.channels=28 ;;
+        paper-*) echo render.types=0,2,4,8,16,32,64,128 render.scalars=0 ;;
+        esac ;;
     *)
         case $size in
         test) echo train.steps=2 data.val_shapes=0 data.shapes=2 data.image_size=33 data.supersample=1 data.draws=1 \

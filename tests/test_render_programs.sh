@@ -90,7 +90,7 @@ for type in ibrnet renderer; do
         --set render.fine_samples=3 --set data.scenes="scenes/llff, forward" --set data.builtin_scenes=1
 done
 
-for keys in render.along_ray=false render.types=0; do # ablations
+for keys in render.along_ray=false render.types=0 render.scalars=6; do # ablations, more scalars
     expect 0 'parameters' "$train" tiny.ini --out less --threads 1 --set $keys --set train.steps=3
     expect 0 'SO3' "$eval" --checkpoint less --setting SO3 --views 1 --no-baselines --json less.json
     awk '/"pixel_variance": [0-9]/ { gsub(",", ""); if ($2 > 1e-4) bad = 1; seen = 1 }
@@ -164,6 +164,7 @@ expect 2 'tiny\.ini' "$train" tiny.ini --out none --set data.scenes=tiny.ini
 expect 2 'number 2 is 0' "$train" tiny.ini --out none --set render.types=0,0
 expect 2 'first' "$train" tiny.ini --out none --set render.types=1,2
 expect 2 'render\.heads' "$train" tiny.ini --out none --set render.heads=3
+expect 2 'multiple of render.channels' "$train" tiny.ini --out none --set render.scalars=3
 expect 2 'data\.setting = Z' "$train" tiny.ini --out none --set data.setting=Z
 expect 2 'train\.pool' "$train" tiny.ini --out none --set train.pool=50,20
 expect 2 'mesh' "$train" tiny.ini --out none --set data.scene_meshes="$here/scenes"
