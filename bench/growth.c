@@ -42,7 +42,8 @@ typedef struct work {
         1, 2, 4                                                                                    \
     }
 
-/* configs/reconstruct-tiny.ini and configs/render-tiny.ini; evaluated are more points, and the rays
+/* configs/reconstruct-tiny.ini and configs/render-tiny.ini (but with as many scalars as channels of
+ * the other types); evaluated are more points, and the rays
  * of a row of a picture. */
 static const work works[] = {
     {"step", false, false, {VIEWS_AND_EDGES, {256, 512, 1024, 2048}, {0}, {0}, {1, 2, 4}}},
@@ -251,7 +252,8 @@ static void usage(void)
     printf("usage: elf-bench growth [QUANTITY...] [options]\n"
            "How time and memory grow with the number of views, pixels (of a view), points, rays,\n"
            "samples (of a ray), and with the width of all layers; the others stay those of\n"
-           "reconstruct-tiny.ini and render-tiny.ini. Of a training step, and of what evaluation\n"
+           "reconstruct-tiny.ini and render-tiny.ini (with 4 scalars). Of a training step, and of "
+           "what evaluation\n"
            "does once the views' maps are made: distances at points, a row of a picture.\n"
            "  --system NAME   this one alone (again: and that one): equivariant, disn, fvor,\n"
            "                  ibrnet-sdf, renderer, ibrnet\n"

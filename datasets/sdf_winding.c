@@ -2,7 +2,8 @@
  *
  * Faces are split at the median of the longest axis of their centres down to 8. A node keeps the
  * area-weighted centre, the radius of its faces round it and the sum of area x normal; seen from
- * farther than 3 radii it acts as that dipole (error below 1 % of its solid angle's scale).
+ * farther than 3 radii it acts as that dipole (error below 1 % of its solid angle's scale). Nearer,
+ * the faces of a leaf are summed exactly, side by side.
  */
 #include "datasets/sdf_winding.h"
 
@@ -18,7 +19,7 @@ struct triangle {
     double centre[3];
 };
 
-/* Its faces side by side, missing ones as points: [corner][axis][face]. */
+/* Up to leaf_faces faces side by side, missing ones as points: [corner][axis][face]. */
 struct leaf {
     double corner[3][3][leaf_faces];
 };
@@ -215,14 +216,14 @@ static void leaf_directions(const struct leaf *leaf, const double p[3],
         const double y =
             ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
         const double size = fabs(x) + fabs(y);
-        re[f] = size > 0 ? x / size : 1; /* at a corner: nothing */
-        im[f] = size > 0 ? y / size : 0;
+        re[f] = size == 0 ? 1 : x / size; /* at a corner: nothing */
+        im[f] = size == 0 ? 0 : y / size;
     }
 }
 
 /* Solid angle of a leaf over 4 pi. Angles in -pi .. pi are added by multiplying their directions,
- * and counting the turns that a direction hides: one arc tangent a leaf instead of one a face, 1.2
- * times the speed of making a shape. */
+ * and counting the turns that a direction hides: one arc tangent a leaf. Shapes are made 1.16 times
+ * as fast as with one a face, and tested 1.2 times. */
 static double leaf_winding(const struct leaf *leaf, const double p[3])
 {
     double re[leaf_faces], im[leaf_faces], turns[leaf_faces] = {0};
@@ -230,13 +231,14 @@ static double leaf_winding(const struct leaf *leaf, const double p[3])
     for (int half = leaf_faces / 2; half > 0; half /= 2)
         for (int f = 0; f < half; f++) {
             const double x = re[f], y = im[f], u = re[f + half], v = im[f + half];
-            const double im_product = x * v + y * u;
+            const double re_product = x * u - y * v,
+                         im_product = x * v + y * u + 0.0; /* never -0 */
             /* both angles on one side of 0; behind a half turn for certain if both are left */
             const bool left = x < 0 && u < 0;
             const bool over = y >= 0 && v >= 0 && (left || im_product < 0);
-            const bool under = y < 0 && v < 0 && (left || im_product >= 0);
+            const bool under = y < 0 && v < 0 && (left || (im_product >= 0 && re_product < 0));
             turns[f] += turns[f + half] + over - under;
-            re[f] = x * u - y * v;
+            re[f] = re_product;
             im[f] = im_product;
         }
     return turns[0] + atan2(im[0], re[0]) / (2 * 3.14159265358979323846);

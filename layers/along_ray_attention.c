@@ -325,7 +325,9 @@ static void count_products(lf_tape *tape, const along *t)
     double pairs = 0;
     for (long i = 0; i < t->rays.rays * samples; i++)
         pairs += t->rays.count->value[i] >= LF_KEY_VIEWS ? (double)samples : 0;
-    lf_products(tape, 6 * pairs * (double)t->n, 12 * pairs * (double)t->n);
+    const double scalars = (double)(t->scalars * t->c), others = (double)t->n - scalars;
+    const double products = pairs * (4 * scalars + 6 * others);
+    lf_products(tape, products, 2 * products);
 }
 
 /* Fields in rows, or `blocks`. */

@@ -191,7 +191,8 @@ static void convolution_backward(const lf_node *node)
  */
 static void count_convolution(lf_tape *tape, const turn *t, lf_tensor *const *in)
 {
-    const double map = (double)(t->in * t->n), turned = 3.0 * (double)t->n;
+    const double scalars = (double)(lf_types_scalars(&t->blocks.types) * t->c);
+    const double map = (double)(t->in * t->n), turned = scalars + 3.0 * ((double)t->n - scalars);
     const double first = 3.0 * (double)t->hidden, second = (double)(t->hidden * t->gates);
     const double pairs = lf_blocks_pairs(&t->blocks);
     lf_products(tape, pairs * (map + turned + first + second),
@@ -212,7 +213,9 @@ lf_tensor *lf_blocks_convolution(lf_tape *tape, const lf_blocks *blocks,
                        lf_param(tape, two->bias)};
     const long planes = lf_types_planes(&blocks->types), n = in[1]->dim[1], groups = blocks->groups;
     LF_REQUIRE(f->rank == 4 && f->dim[0] == groups && f->dim[2] == in[1]->dim[0] &&
-                   n % planes == 0 && layer->profile.count == 2 && layer->profile.act == LF_RELU,
+                   n % planes == 0 &&
+                   in[5]->dim[1] == lf_types_gates(&blocks->types) * (n / planes) &&
+                   layer->profile.count == 2 && layer->profile.act == LF_RELU,
                "lf_blocks_convolution: f [%ld, 1, %ld], map to %ld, %ld groups", f->dim[0],
                f->dim[2], n, groups);
     turn *t = lf_alloc(tape, sizeof *t);

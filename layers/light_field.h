@@ -2,7 +2,7 @@
  * neural rendering.                               [method.md 1.5, 1.6, 2.1 - 2.4, 2.8, 5b.2 - 5b.5]
  *
  * A field has types omega: the list always starts with 0 (scalars), the others are pairs that turn
- * by Rot(omega gamma) when the frame of their ray turns by gamma about it. C channels of each, and Z
+ * by Rot(omega gamma) when the frame of their ray turns by gamma about it. C channels of each, Z
  * times as many scalars. A feature of one point is a row of R = P C numbers, P = Z + 2 (count - 1)
  * planes of C channels each:
  *
@@ -30,7 +30,7 @@ typedef struct lf_types {
     int more; /* planes of scalars besides the first: Z - 1, 0 .. LF_SCALARS_MAX - 1 */
 } lf_types;
 
-/* The list is well formed: omega[0] = 0, then ascending, at most LF_OMEGA_MAX. */
+/* The list is well formed: omega[0] = 0, then ascending, at most LF_OMEGA_MAX; Z is in range. */
 bool lf_types_valid(const lf_types *types);
 /* Z, P, Q of above. */
 static inline long lf_types_scalars(const lf_types *types)
@@ -93,8 +93,9 @@ typedef struct lf_light_rays {
     double near, far;                 /* far > near */
 } lf_light_rays;
 
-/* (x, y) -> phases of all types [2 count - 1]: z = (x + i y) / r, r = |(x, y)|, z^omega by repeated squaring,
- * times fade = r^2 / (r^2 + epsilon^2); zeros for omega > 0 where r = 0.           [method.md 4.1]
+/* (x, y) -> phases of all types [2 count - 1]: z = (x + i y) / r, r = |(x, y)|, z^omega by repeated
+ * squaring, times fade = r^2 / (r^2 + epsilon^2); zeros for omega > 0 where r = 0.
+ *                                                                                 [method.md 4.1]
  */
 void lf_harmonics(const lf_types *types, double x, double y, double epsilon, double *phase);
 

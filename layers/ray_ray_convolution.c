@@ -122,8 +122,11 @@ static lf_tensor *turn_views(lf_tape *tape, lf_tensor *m, lf_tensor *a,
                          a->value + (p * views + v) * na,
                          y->value + (mean ? p : p * views + v) * n);
     }
-    if (lf_profiled(tape)) /* 3 a number for (1 + a) z m */
-        lf_products_of(tape, 3 * (double)n * lf_present(rays->mask->size, rays->mask->value), m, a);
+    if (lf_profiled(tape)) { /* (1 + a) z m: 3 a number, 1 a scalar */
+        const double scalars = (double)(lf_types_scalars(&rays->types) * t->c);
+        const double products = scalars + 3 * ((double)n - scalars);
+        lf_products_of(tape, products * lf_present(rays->mask->size, rays->mask->value), m, a);
+    }
     lf_record(tape, mean ? "ray_ray_mean" : "ray_ray_values", backward, t, LF_IN(m, a), LF_OUT(y));
     return y;
 }

@@ -131,10 +131,12 @@ double lf_ray_equivariant_macs(const lf_ray_equivariant *net, long samples, long
     const double c = (double)config->channels, hidden = (double)config->hidden;
     const double row = (double)lf_types_planes(types) * c,
                  gates = (double)lf_types_gates(types) * c;
-    const double kernel = ((double)config->inputs + 3) * row + (3 + gates) * hidden;
+    const double scalars = (double)lf_types_scalars(types) * c, others = row - scalars;
+    const double kernel =
+        (double)config->inputs * row + scalars + 3 * others + (3 + gates) * hidden;
     const double update = 2 * map_macs(types, c, 2 * c) + 4 * gates * gates;
     const double view = 3 * kernel + 2 * update + 2 * row;
-    const double pair = 2 * (2 * row + row);
+    const double pair = 4 * scalars + 6 * others;
     const double along = 4 * map_macs(types, c, c) + (double)samples * pair;
     const double point = map_macs(types, c, c) + 2 * map_macs(types, c, 2 * c) + gates * gates +
                          map_macs(types, c, c) + (gates + 1 + DENSITY_WIDTH + 1) * DENSITY_WIDTH;

@@ -20,7 +20,7 @@ describe() {
     ibrnet) config=render-tiny keys="model.type=ibrnet" ;;
     renderer-without-along-ray) config=render-tiny keys="render.along_ray=false" ;;
     renderer-scalars) config=render-tiny keys="render.types=0 render.scalars=0 render.channels=24" ;; # of about equal parameters
-    renderer-wide) config=render-tiny keys="render.channels=8 render.scalars=32" ;;
+    renderer-wide) config=render-tiny keys="render.channels=8 render.scalars=32" ;; # of all types
     esac
 }
 
@@ -39,7 +39,7 @@ size_keys() {
         esac
         case $size-$1 in
         paper-renderer-scalars) echo render.channels=28 ;;
-        paper-*) echo render.types=0,2,4,8,16,32,64,128 render.scalars=0 ;;
+        paper-*) echo render.types=0,2,4,8,16,32,64,128 render.scalars=0 ;; # as published: as many of all types
         esac ;;
     *)
         case $size in

@@ -6,7 +6,7 @@
 enum { N = 2, S = 4, V = 3, C = 2, T = 3, Z = 2, F = 4 };
 enum { P = Z + 2 * (T - 1), Q = Z + T - 1, M = Z * Z + 2 * (T - 1) }; /* light_field.h */
 static const lf_types types = {.count = T, .omega = {0, 2, 5}, .more = Z - 1},
-                      even = {.count = T, .omega = {0, 2, 5}};
+                      single = {.count = T, .omega = {0, 2, 5}};
 
 /* Two rays and three cameras; the second ray's first point is seen by none, its second by one. */
 static lf_light_geometry geometry(lf_tape *tape)
@@ -317,9 +317,9 @@ static int fourier(lf_tape *tape, lf_store *store, lf_tensor *const *in, lf_tens
     double foot[2 * 4];
     const double t[] = {-1, 0, 1, -2, 0.5, 2};
     const lf_spectrum s = {3, 0.7, 0.3};
-    const lf_light_geometry g = lf_ray_pair_geometry(tape, &even, 2, ray, 4, ray + 2, foot);
+    const lf_light_geometry g = lf_ray_pair_geometry(tape, &single, 2, ray, 4, ray + 2, foot);
     out[0] = lf_along_ray_spectrum(tape, in[0], &g, foot, &s);
-    out[1] = lf_along_ray_inverse(tape, in[1], &even, 2, 3, t, &s);
+    out[1] = lf_along_ray_inverse(tape, in[1], &single, 2, 3, t, &s);
     out[2] = lf_along_ray_regular(tape, in[0], &g, foot, 3, t, 1.5);
     return 3;
 }

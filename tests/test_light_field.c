@@ -276,6 +276,9 @@ static void lists_of_types(void **state)
     (void)state;
     assert_true(lf_types_valid(&types));
     assert_true(lf_types_valid(&(lf_types){.count = 1, .omega = {0}}));
+    assert_true(lf_types_valid(&(lf_types){.count = 1, .omega = {0}, .more = LF_SCALARS_MAX - 1}));
+    assert_false(lf_types_valid(&(lf_types){.count = 1, .omega = {0}, .more = LF_SCALARS_MAX}));
+    assert_false(lf_types_valid(&(lf_types){.count = 1, .omega = {0}, .more = -1}));
     assert_false(lf_types_valid(&(lf_types){.count = 0, .omega = {0}}));
     assert_false(lf_types_valid(&(lf_types){.count = 2, .omega = {1, 2}}));
     assert_false(lf_types_valid(&(lf_types){.count = 3, .omega = {0, 4, 4}}));

@@ -452,8 +452,8 @@ static void gradients(void **state)
         skip();
     scene s = make_scene();
     memset(s.seen, 0, 2 * V);
-    for (int kind = 0; kind < 3; kind++) {
-        net n = open_net(kind != 1, kind != 2);
+    for (int kind = 0; kind < 4; kind++) {
+        net n = open_net_of(kind == 3 ? &scalars_too : &types, kind != 1, kind != 2);
         static lf_real grad[SEEN * F];
         memset(grad, 0, sizeof grad);
         lf_store_zero_grads(n.store);

@@ -134,16 +134,18 @@ static lf_profile_row products_of(const net *n, scene *s)
 static void test_equivariant_products(void **state)
 {
     (void)state;
-    net n;
-    scene s;
-    open_net(&n, (net_options){.types = {.count = 4, .omega = {0, 1, 2, 5}}});
-    make_scene(&s);
-    const lf_profile_row r = products_of(&n, &s);
-    const lf_ray_equivariant *model = &n.model.equivariant[LF_COARSE];
-    const double angles = 3.0 * SEEN * 3 * (double)model->config.hidden;
-    assert_true(r.products[0] == POINTS * lf_ray_equivariant_macs(model, S, V));
-    assert_true(r.products[1] == 2 * r.products[0] - angles);
-    close_net(&n);
+    for (int more = 0; more <= 3; more += 3) {
+        net n;
+        scene s;
+        open_net(&n, (net_options){.types = {.count = 4, .omega = {0, 1, 2, 5}, .more = more}});
+        make_scene(&s);
+        const lf_profile_row r = products_of(&n, &s);
+        const lf_ray_equivariant *model = &n.model.equivariant[LF_COARSE];
+        const double angles = 3.0 * SEEN * 3 * (double)model->config.hidden;
+        assert_true(r.products[0] == POINTS * lf_ray_equivariant_macs(model, S, V));
+        assert_true(r.products[1] == 2 * r.products[0] - angles);
+        close_net(&n);
+    }
 }
 
 /* lf_ibrnet_macs counts moments as 4 a number, which are 3 products, and the blend of colours. */
