@@ -24,7 +24,7 @@ static lf_vec inverse_rms(long n, const lf_real *x, int h)
 /* Number of the gain of number j of a row. */
 static long gain_of(const lf_types *types, long j, long c)
 {
-    return lf_types_gate_of(types, j / c) * c + j % c;
+    return lf_types_gate_of_plane(types, j / c) * c + j % c;
 }
 
 static void norm_backward(const lf_node *node)

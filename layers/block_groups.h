@@ -33,11 +33,10 @@ typedef struct lf_group_map {
     long in, out; /* channels */
 } lf_group_map;
 
-/* Products of one point: complex ones are four real ones. */
+/* Products of one point. */
 static inline double lf_group_map_products(const lf_group_map *m)
 {
-    const long scalars = lf_types_scalars(&m->types);
-    return (double)(scalars * scalars + 4L * (m->types.count - 1)) * (double)(m->in * m->out);
+    return lf_types_products(&m->types) * (double)(m->in * m->out);
 }
 
 /* y = or += (A + i B) x, or with `adjoint` the adjoint of it. */
@@ -55,7 +54,7 @@ static inline void lf_group_map_apply(const lf_group_map *m, const lf_real *w, c
     lf_block_product(&t, scalars * co, y);
     for (int k = 1; k < m->types.count; k++) {
         const long plane = lf_types_plane(&m->types, k);
-        const lf_real *wk = w + (scalars * scalars + 2L * (k - 1)) * size;
+        const lf_real *wk = w + lf_types_matrix(&m->types, k) * size;
         const lf_block_turn_terms turn = {ci,      co,       wk,      wk + size,
                                           in_step, out_step, adjoint, accumulate};
         lf_block_turn(&turn, x + plane * ci * LF_BLOCK_POINTS, y + plane * co * LF_BLOCK_POINTS);
@@ -74,7 +73,7 @@ static inline void lf_group_map_weights(const lf_group_map *m, long groups, cons
         lf_block_outer_across(&p, scalars * ci, scalars * co, dw, scalars * co, 1);
     for (int k = 1; k < m->types.count; k++) {
         const long plane = lf_types_plane(&m->types, k);
-        lf_real *da = dw + (scalars * scalars + 2L * (k - 1)) * ci * co, *db = da + ci * co;
+        lf_real *da = dw + lf_types_matrix(&m->types, k) * ci * co, *db = da + ci * co;
         const lf_real *re = x + plane * ci * LF_BLOCK_POINTS, *im = re + ci * LF_BLOCK_POINTS;
         const lf_real *gr = dy + plane * co * LF_BLOCK_POINTS, *gi = gr + co * LF_BLOCK_POINTS;
         p = (lf_block_pairs){groups, rx, ry, re, gr, im, gi, 1};

@@ -55,7 +55,7 @@ static inline long lf_types_gate(const lf_types *types, long k)
 {
     return k + types->more;
 }
-static inline long lf_types_gate_of(const lf_types *types, long p)
+static inline long lf_types_gate_of_plane(const lf_types *types, long p)
 {
     return p <= types->more ? p : types->more + (p - types->more + 1) / 2;
 }
@@ -64,10 +64,20 @@ static inline long lf_types_phases(const lf_types *types)
 {
     return 2L * types->count - 1;
 }
-/* Matrices [Ci, Co] of a map within each type: Z^2 of the scalars, A and B of the others. */
+/* A map within each type has matrices [Ci, Co]: Z^2 of the scalars, then A and B of each type. The
+ * number of the A of type k >= 1, how many there are, and products of one row over Ci Co (complex
+ * ones are four real ones). */
+static inline long lf_types_matrix(const lf_types *types, long k)
+{
+    return lf_types_scalars(types) * lf_types_scalars(types) + 2 * (k - 1);
+}
 static inline long lf_types_matrices(const lf_types *types)
 {
-    return lf_types_scalars(types) * lf_types_scalars(types) + 2L * (types->count - 1);
+    return lf_types_matrix(types, types->count);
+}
+static inline double lf_types_products(const lf_types *types)
+{
+    return (double)(lf_types_matrix(types, 1) + 4L * (types->count - 1));
 }
 
 /* ---- geometry ------------------------------------------------------------------------------- */
@@ -76,8 +86,7 @@ static inline long lf_types_matrices(const lf_types *types)
 typedef struct lf_light_geometry {
     long rays, samples, views;
     lf_types types;
-    const lf_tensor
-        *phase; /* [N, V, 2 count - 1]: 1, then fade cos(omega alpha), fade sin of each */
+    const lf_tensor *phase; /* [N, V, 2 count - 1]: 1, fade cos(omega alpha), fade sin, .. */
     const lf_tensor *angle; /* [N, S, V, 3]: 4 sin theta - 1, 10 (1 - cos theta), cos theta */
     const lf_tensor *mask;  /* [N, S, V]: 1 = the view sees the point */
     const lf_tensor *count; /* [N, S]: views that see the point */

@@ -41,12 +41,6 @@ static void scatter_add(long rows, long cols, const lanes *x, lf_real *restrict 
             out[r * cols + c] += t[c * LANES + r];
 }
 
-/* Where A of type k >= 1 stands among the weights; B is the next matrix. */
-static long matrix_of(const lf_types *types, int k, long ci, long co)
-{
-    return (lf_types_scalars(types) * lf_types_scalars(types) + 2L * (k - 1)) * ci * co;
-}
-
 /* y = (A + i B) x for all types of LANES rows. x [P ci], w as in the file's head, y [P co]. */
 static void map_lanes(const lf_types *types, long ci, long co, const lanes *x, const lf_real *w,
                       lanes *restrict y)
@@ -60,7 +54,7 @@ static void map_lanes(const lf_types *types, long ci, long co, const lanes *x, c
     }
     for (int k = 1; k < types->count; k++) {
         const long plane = lf_types_plane(types, k);
-        const lf_real *a = w + matrix_of(types, k, ci, co), *b = a + ci * co;
+        const lf_real *a = w + lf_types_matrix(types, k) * ci * co, *b = a + ci * co;
         const lanes *xr = x + plane * ci, *xi = xr + ci;
         lanes *yr = y + plane * co, *yi = yr + co;
         for (long o = 0; o < co; o++) {
@@ -87,7 +81,7 @@ static void add_weight_gradient(const so2_linear *t, const lanes *x, const lanes
             dw[i * so + o] += x[i] * dy[o];
     for (int k = 1; k < t->types.count; k++) {
         const long plane = lf_types_plane(&t->types, k);
-        lanes *da = dw + matrix_of(&t->types, k, ci, co), *db = da + ci * co;
+        lanes *da = dw + lf_types_matrix(&t->types, k) * ci * co, *db = da + ci * co;
         const lanes *xr = x + plane * ci, *xi = xr + ci;
         const lanes *gr = dy + plane * co, *gi = gr + co;
         for (long i = 0; i < ci; i++) {
@@ -126,7 +120,7 @@ static lf_real *adjoint_weights(lf_tape *tape, const so2_linear *t, const lf_rea
     lf_real *adjoint = lf_alloc_reals(tape, lf_types_matrices(&t->types) * ci * co);
     transpose(scalars * ci, scalars * co, 1, w, adjoint);
     for (int k = 1; k < t->types.count; k++) {
-        const long at = matrix_of(&t->types, k, ci, co);
+        const long at = lf_types_matrix(&t->types, k) * ci * co;
         transpose(ci, co, 1, w + at, adjoint + at);
         transpose(ci, co, -1, w + at + ci * co, adjoint + at + ci * co);
     }
@@ -194,8 +188,7 @@ lf_tensor *lf_so2_linear(lf_tape *tape, const lf_types *types, lf_tensor *x, lf_
         scatter_add(n, co, ly, y->value + r * co);
     }
     lf_tape_release(tape, mark);
-    const double products =
-        (double)(scalars * scalars + 4L * (types->count - 1)) * (double)(t->in * t->out);
+    const double products = lf_types_products(types) * (double)(t->in * t->out);
     lf_products_of(tape, (double)rows * products, x, w);
     lf_record(tape, "so2_linear", backward, t, LF_IN(x, w, b), LF_OUT(y));
     return y;

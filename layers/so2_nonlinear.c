@@ -254,7 +254,7 @@ static void layer_norm_backward(const lf_node *node)
         const lf_real q = inverse_rms(n, xr);
         lf_real dot = 0; /* <g dy, x> */
         for (long p = 0; p < planes; p++) {
-            const long block = lf_types_gate_of(&s->types, p) * c;
+            const long block = lf_types_gate_of_plane(&s->types, p) * c;
             for (long i = 0; i < c; i++) {
                 const lf_real t = dy[p * c + i] * xr[p * c + i];
                 dot += gain->value[block + i] * t;
@@ -265,7 +265,7 @@ static void layer_norm_backward(const lf_node *node)
         const lf_real pull = q * q * q * dot / (lf_real)n;
         for (long j = 0; x->grad && j < n; j++)
             x->grad[r * n + j] +=
-                q * gain->value[lf_types_gate_of(&s->types, j / c) * c + j % c] * dy[j] -
+                q * gain->value[lf_types_gate_of_plane(&s->types, j / c) * c + j % c] * dy[j] -
                 pull * xr[j];
     }
 }
@@ -281,7 +281,7 @@ lf_tensor *lf_so2_layer_norm(lf_tape *tape, const lf_types *types, lf_tensor *x,
         for (long p = 0; p < lf_types_planes(types); p++)
             for (long i = 0; i < c; i++)
                 y->value[r * n + p * c + i] =
-                    q * gain->value[lf_types_gate_of(types, p) * c + i] * xr[p * c + i];
+                    q * gain->value[lf_types_gate_of_plane(types, p) * c + i] * xr[p * c + i];
     }
     lf_record(tape, "so2_layer_norm", layer_norm_backward, save(tape, types, c), LF_IN(x, gain),
               LF_OUT(y));

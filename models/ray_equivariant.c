@@ -117,13 +117,6 @@ lf_radiance lf_ray_equivariant_apply(lf_tape *tape, const lf_ray_equivariant *ne
     return radiance;
 }
 
-/* Of a map within each type from ci to co channels: complex products are four real ones. */
-static double map_macs(const lf_types *types, double ci, double co)
-{
-    const double scalars = (double)lf_types_scalars(types);
-    return (scalars * scalars + 4.0 * (types->count - 1)) * ci * co;
-}
-
 double lf_ray_equivariant_macs(const lf_ray_equivariant *net, long samples, long views)
 {
     const lf_ray_equivariant_config *config = &net->config;
@@ -134,11 +127,11 @@ double lf_ray_equivariant_macs(const lf_ray_equivariant *net, long samples, long
     const double scalars = (double)lf_types_scalars(types) * c, others = row - scalars;
     const double kernel =
         (double)config->inputs * row + scalars + 3 * others + (3 + gates) * hidden;
-    const double update = 2 * map_macs(types, c, 2 * c) + 4 * gates * gates;
+    const double map = lf_types_products(types) * c * c; /* from C to C channels */
+    const double update = 4 * map + 4 * gates * gates;
     const double view = 3 * kernel + 2 * update + 2 * row;
     const double pair = 4 * scalars + 6 * others;
-    const double along = 4 * map_macs(types, c, c) + (double)samples * pair;
-    const double point = map_macs(types, c, c) + 2 * map_macs(types, c, 2 * c) + gates * gates +
-                         map_macs(types, c, c) + (gates + 1 + DENSITY_WIDTH + 1) * DENSITY_WIDTH;
+    const double along = 4 * map + (double)samples * pair;
+    const double point = 6 * map + gates * gates + (gates + 1 + DENSITY_WIDTH + 1) * DENSITY_WIDTH;
     return (double)views * view + point + (config->along_ray ? along : 0);
 }
