@@ -128,7 +128,6 @@ runs_of() {
     for pair in $settings; do
         for category in $present; do
             for system in $systems; do
-                [ $system != smoothed ] || [ "${pair%:*}" = I ] || continue # what a roll costs it is the point
                 echo "$shapes $system $category ${pair%:*} ${pair#*:}"
             done
         done
