@@ -1,5 +1,5 @@
-# reproduction.sh: what scripts/reproduce runs: systems, sizes, tables. Sourced by it; $size, $data, $tables
-# and $seeds are its options. The size test is that of tests/test_reproduce.sh.
+# reproduction.sh: what scripts/reproduce runs: systems, sizes, tables. Sourced by it; $size, $tables and
+# $seeds are its options. The size test is that of tests/test_reproduce.sh.
 
 # Config and keys of a system, into $config and $keys.
 describe() {
@@ -53,8 +53,8 @@ size_keys() {
     esac
 }
 
-# Widths of the larger sizes. small: every system twice as wide, so that what matches stays matched;
-# paper: the published widths, where the paper or the compared systems' papers say them.
+# Widths of the larger sizes. small: the equivariant network and its ablations twice as wide, so that what matches
+# stays matched, and the others about so; paper: the published widths, where the paper or the compared systems' papers say them.
 widths() {
     case $size-$1 in
     small-*) echo train.steps=30000 data.image_size=129 data.shapes=2000 data.cache_mb=8000 ;;
@@ -100,7 +100,7 @@ widths() {
 # The runs of a table: "data system category training-setting test-settings", a line each.
 runs_of() {
     settings="I:I,Z,R R:R Y:Y,SO3 SO3:SO3" shapes=built-in
-    [ -z "$data" ] || [ ! -d "$data/shapes" ] || shapes=files
+    [ -z "$shapes_at" ] || shapes=files
     case $1 in
     table1) systems="equivariant fvor disn" categories="chair airplane car" ;;
     ablation) systems="equivariant without-se2 without-se2-equal-cost max-pool scalars smoothed" categories=chair ;;
@@ -111,15 +111,15 @@ runs_of() {
         for system in renderer ibrnet renderer-wide renderer-without-along-ray renderer-scalars; do
             echo "built-in $system all I I,SO3"
             # of real scenes the renderer is as wide already: configs/render-real.ini
-            [ ! -d "$data/scenes" ] || [ $system = renderer-wide ] || echo "files $system all I I,SO3"
+            [ -z "$scenes_at" ] || [ $system = renderer-wide ] || echo "files $system all I I,SO3"
         done
         return ;;
     counts) return ;;
     esac
     present=""
     for category in $categories; do
-        [ $shapes = built-in ] || [ -d "$data/shapes/$category" ] || {
-            echo "reproduce: $data/shapes has no $category: left out" >&2
+        [ $shapes = built-in ] || [ -n "$(category_folder "$category")" ] || {
+            echo "reproduce: $shapes_at has no $category: left out" >&2
             continue
         }
         present="$present $category"
