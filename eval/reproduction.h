@@ -70,8 +70,8 @@ void lf_results_print_runs(const lf_results *results, FILE *out);
 void lf_results_print_order(const lf_results *results, const json_t *table, const lf_group *group,
                             FILE *out);
 
-/* What the front page shows of two tables, in the best size that is there: paper, small, tiny,
- * quick. False, and nothing printed, if neither was run. */
+/* What the front page shows of two tables, in the largest size that is there (paper, small, tiny,
+ * quick), for each data. False, and nothing printed, if neither was run. */
 bool lf_results_print_front(const lf_results *results, FILE *out);
 /* The text of the page `path` with that between its two marks, or as it is if nothing was run; the
  * caller frees it. LF_BAD_INPUT: no such page, or no marks. */

@@ -44,7 +44,7 @@ static const json_t *table_named(const lf_results *r, const char *name)
     return NULL;
 }
 
-/* ---- the best group that is there ---- */
+/* ---- the groups that are shown ---- */
 
 static lf_cell cell_of(const json_t *table, const json_t *row, const lf_group *g, const column *k)
 {
@@ -85,25 +85,21 @@ static long results_of(const lf_results *r, const front *f, const json_t *table,
 
 static int worth(const char *size)
 {
-    return lf_size_rank(size) % 4 + (lf_size_rank(size) < 4); /* an unknown size least */
+    return lf_size_rank(size) % 4 + 1 + (lf_size_rank(size) < 4); /* an unknown size: 1 */
 }
 
-/* The largest size with results of the table; of its data that with most. */
-static bool best_group(const lf_results *r, const front *f, const json_t *table, lf_group *best)
+/* What the largest size with results of the table is worth; 0: there are none. */
+static int best_worth(const lf_results *r, const front *f, const json_t *table)
 {
     const lf_cell all = {.experiment = lf_text_of(table, "experiment")};
-    long count, most = 0;
+    long count;
+    int best = 0;
     lf_group *g = lf_groups_of(r, &all, &count);
-    for (long i = 0; i < count; i++) {
-        const long there = results_of(r, f, table, &g[i], NULL);
-        const bool larger = there && (most == 0 || worth(g[i].size) > worth(best->size));
-        if (larger || (there > most && worth(g[i].size) == worth(best->size))) {
-            *best = g[i];
-            most = there;
-        }
-    }
+    for (long i = 0; i < count; i++)
+        if (worth(g[i].size) > best && results_of(r, f, table, &g[i], NULL))
+            best = worth(g[i].size);
     free(g);
-    return most > 0;
+    return best;
 }
 
 /* ---- rows ---- */
@@ -207,16 +203,14 @@ static void print_items(const lf_results *r, const json_t *table, const lf_group
     }
 }
 
-static void print_front(const lf_results *r, const front *f, FILE *out)
+static void print_group(const lf_results *r, const front *f, const json_t *table, const lf_group *g,
+                        FILE *out)
 {
-    const json_t *table = table_named(r, f->table);
-    lf_group g;
-    if (!table || !best_group(r, f, table, &g)) {
-        fprintf(out, "\n%s: not run.\n", f->title);
-        return;
-    }
-    fprintf(out, "\n%s (size %s, %s data: ", f->title, g.size, g.data);
-    print_items(r, table, &g, out);
+    if (strcmp(g->data, "files") == 0)
+        fprintf(out, "\n%s (size %s, data from files: ", f->title, g->size);
+    else
+        fprintf(out, "\n%s (size %s, %s data: ", f->title, g->size, g->data);
+    print_items(r, table, g, out);
     fputs("):\n\n| | system |", out);
     for (int k = 0; k < f->columns; k++)
         fprintf(out, " %s |", f->column[k].head);
@@ -224,22 +218,40 @@ static void print_front(const lf_results *r, const front *f, FILE *out)
     for (int k = 0; k < f->columns; k++)
         fputs("---|", out);
     fputc('\n', out);
-    print_rows(r, f, table, &g, out);
+    print_rows(r, f, table, g, out);
+}
+
+/* All data of the largest size. */
+static void print_front(const lf_results *r, const front *f, FILE *out)
+{
+    const json_t *table = table_named(r, f->table);
+    const int best = table ? best_worth(r, f, table) : 0;
+    if (best == 0) {
+        fprintf(out, "\n%s: not run.\n", f->title);
+        return;
+    }
+    const lf_cell all = {.experiment = lf_text_of(table, "experiment")};
+    long count;
+    lf_group *g = lf_groups_of(r, &all, &count);
+    for (long i = 0; i < count; i++)
+        if (worth(g[i].size) == best && results_of(r, f, table, &g[i], NULL))
+            print_group(r, f, table, &g[i], out);
+    free(g);
 }
 
 bool lf_results_print_front(const lf_results *r, FILE *out)
 {
-    lf_group g;
     bool any = false;
     for (size_t k = 0; k < sizeof fronts / sizeof *fronts; k++) {
         const json_t *table = table_named(r, fronts[k].table);
-        any = any || (table && best_group(r, &fronts[k], table, &g));
+        any = any || (table && best_worth(r, &fronts[k], table));
     }
     if (!any)
         return false;
-    fputs("elf's figure / the paper's, whose networks, data and trainings are hundreds of times "
-          "larger;\nA/B: trained in setting A, tested in B.\n",
-          out);
+    fputs(
+        "elf's figure / the paper's, of ShapeNet and the published scenes with larger networks and "
+        "longer trainings;\nA/B: trained in setting A, tested in B.\n",
+        out);
     for (size_t k = 0; k < sizeof fronts / sizeof *fronts; k++)
         print_front(r, &fronts[k], out);
     return true;

@@ -7,7 +7,8 @@
 static bool same_row(const lf_result *a, const lf_result *b)
 {
     return !strcmp(a->system, b->system) && !strcmp(a->size, b->size) &&
-           !strcmp(a->data, b->data) && !strcmp(a->experiment, b->experiment);
+           !strcmp(a->data, b->data) && !strcmp(a->experiment, b->experiment) &&
+           !strcmp(a->keys, b->keys);
 }
 
 /* ---- counts ---- */
@@ -72,7 +73,7 @@ static void print_range(range a, FILE *out)
 
 /* Over the results of one system, size and data. */
 typedef struct summary {
-    range steps, pixels, train, test, seed;
+    range steps, pixels, train, test, seed, parameters;
     int trainings;
     double seconds, peak, empty; /* sum over trainings; largest; meshes without a surface */
     double item_seconds;         /* sum over the tests that tell it */
@@ -108,7 +109,8 @@ static summary summary_of(const lf_results *r, long first)
                  .pixels = {a->pixels, a->pixels},
                  .train = {a->train_items, a->train_items},
                  .test = {a->test_items, a->test_items},
-                 .seed = {a->seed, a->seed}};
+                 .seed = {a->seed, a->seed},
+                 .parameters = {a->parameters, a->parameters}};
     for (long i = first; i < r->count; i++) {
         const lf_result *b = &r->result[i];
         if (!same_row(a, b))
@@ -118,6 +120,7 @@ static summary summary_of(const lf_results *r, long first)
         s.train = joined(s.train, b->train_items);
         s.test = joined(s.test, b->test_items);
         s.seed = joined(s.seed, b->seed);
+        s.parameters = joined(s.parameters, b->parameters);
         s.peak = fmax(s.peak, b->peak_rss_mb);
         s.empty += b->figure[lf_result_figure_of("empty")]; /* NaN: renderers */
         if (!isnan(b->item_seconds)) {
@@ -137,6 +140,7 @@ static void print_run(const lf_result *a, const summary *s, FILE *out)
 {
     fprintf(out, "| %s, %s | %s | %s%s%s |", a->size, a->data, a->system, a->config,
             *a->keys ? " " : "", a->keys);
+    print_range(s->parameters, out);
     print_range(s->steps, out);
     print_range(s->pixels, out);
     print_range(s->train, out);
@@ -203,10 +207,11 @@ void lf_results_print_runs(const lf_results *r, FILE *out)
         if (!first)
             continue;
         if (runs++ == 0)
-            fputs("| size, data | system | config and keys | steps | pixels | training items | "
+            fputs("| size, data | system | config and keys | parameters | steps | pixels | "
+                  "training items | "
                   "test items | "
                   "seeds | trainings | empty | seconds | MB | an item | commit |\n"
-                  "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+                  "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
                   out);
         const summary s = summary_of(r, i);
         print_run(&r->result[i], &s, out);

@@ -35,20 +35,26 @@ static const char paper[] =
     "    \"values\": [[26.9, 0.1]]}]}]}\n";
 
 /* A result of system "ours" on chairs. */
-static void put_run(const folder *f, const char *name, const char *test, int seed, int steps,
-                    double iou)
+static void put_run_on(const folder *f, const char *data, const char *name, const char *test,
+                       int seed, int steps, double iou)
 {
     char text[1024];
     snprintf(
         text, sizeof text,
         "{\"experiment\": \"reconstruction\", \"system\": \"ours\", \"config\": \"c\",\n"
-        "\"keys\": \"\", \"size\": \"tiny\", \"size_keys\": \"a.b=1\", \"data\": \"built-in\",\n"
+        "\"keys\": \"\", \"size\": \"tiny\", \"size_keys\": \"a.b=1\", \"data\": \"%s\",\n"
         "\"category\": \"chair\", \"train_setting\": \"I\", \"eval_setting\": \"%s\",\n"
         "\"seed\": %d, \"steps\": %d, \"pixels\": 97, \"train_items\": 400, \"test_items\": 40,\n"
         "\"parameters\": 43633, \"train_seconds\": %d.5, \"peak_rss_mb\": 200, \"commit\":\n"
         "\"abc\", \"figures\": {\"iou\": %.17g, \"chamfer_l1\": 0.25, \"empty\": 1}}\n",
-        test, seed, steps, 100 + seed, iou);
+        data, test, seed, steps, 100 + seed, iou);
     put(f, name, text);
+}
+
+static void put_run(const folder *f, const char *name, const char *test, int seed, int steps,
+                    double iou)
+{
+    put_run_on(f, "built-in", name, test, seed, steps, iou);
 }
 
 static int make_folder(void **state)
@@ -116,8 +122,9 @@ static void test_means_and_spread(void **state)
     assert_has(page, "| Theirs | paper | – / – | – / – |\n"
                      "| | elf | not run | not run |\n");
     assert_has(page, "| R | paper | 26.90 / 0.100 |\n| | elf | not run |\n");
-    assert_has(page, "| tiny, built-in | ours | c | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | "
-                     "200 | – | abc |");
+    assert_has(page,
+               "| tiny, built-in | ours | c | 43633 | 10 | 97 | 400 | 40 | 0 to 1 | 2 | 2 | 101 | "
+               "200 | – | abc |");
     assert_has(page, "- tiny, ours: `a.b=1`\n");
     free(page);
 }
@@ -139,11 +146,10 @@ static void put_system(const folder *f, const char *system, const char *test, in
     put(f, name, text);
 }
 
-/* 0.6 of seeds 0.5 and 0.7; the spread of a difference is the root of both variances. */
-static void test_who_is_ahead(void **state)
+/* paper.json with "ours" as the system that the others are compared with. */
+static void put_reference(const folder *f)
 {
-    const folder *f = *state;
-    char text[2048], *page;
+    char text[2048];
     const char *experiment = strstr(paper, "\"figures\""), *values = strstr(paper, "\"Theirs\"}");
     snprintf(text, sizeof text,
              "%.*s\"reference\": \"ours\", %.*s\"Theirs\", \"values\": [[0.6, 0.1], [0.2, "
@@ -151,6 +157,14 @@ static void test_who_is_ahead(void **state)
              (int)(experiment - paper), paper, (int)(values - experiment), experiment,
              values + strlen("\"Theirs\""));
     put(f, "paper.json", text);
+}
+
+/* 0.6 of seeds 0.5 and 0.7; the spread of a difference is the root of both variances. */
+static void test_who_is_ahead(void **state)
+{
+    const folder *f = *state;
+    char *page;
+    put_reference(f);
     put_system(f, "theirs", "I", 0, 0.8);
     put_system(f, "theirs", "I", 1, 0.79);
     put_system(f, "theirs", "Z", 0, 0.35);
@@ -171,6 +185,22 @@ static void test_who_is_ahead(void **state)
     put_system(f, "theirs", "I", 1, 0.45);
     page = page_of(f);
     assert_has(page, "| chair | Theirs | -0.025 ± 0.285 / +0.100 |");
+    free(page);
+}
+
+/* Without a spread a lead of the other sign is bold beyond 0.03. */
+static void test_lead_of_one_seed(void **state)
+{
+    const folder *f = *state;
+    put_reference(f);
+    put_run(f, "z.json", "Z", 0, 10, 0.33);
+    put_system(f, "theirs", "Z", 0, 0.35);
+    char *page = page_of(f);
+    assert_has(page, "| -0.020 / +0.400 |\n");
+    free(page);
+    put_system(f, "theirs", "Z", 0, 0.37);
+    page = page_of(f);
+    assert_has(page, "| **-0.040** / +0.400 |\n");
     free(page);
 }
 
@@ -202,7 +232,7 @@ static void test_renderers_and_counts(void **state)
     assert_has(page, "| | elf, quick, files | 31.26 / – |\n");
     assert_has(page, "| quick | r | c k=1 | 4 | 2.00 | 6.00 | 2 rays |\n");
     assert_has(page,
-               "| quick, files | r | c k=1 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | 0.26 | abc |");
+               "| quick, files | r | c k=1 | 4 | 5 | 9 | 2 | 3 | 0 | 1 | – | 1 | 2 | 0.26 | abc |");
     free(page);
 }
 
@@ -273,6 +303,13 @@ static void test_front_page(void **state)
     assert_string_equal(again, page);
     free(page);
     free(again);
+    /* other data of the same size: a table of their own, behind */
+    put_run_on(f, "files", "d.json", "I", 0, 10, 0.4);
+    page = front_of(f, front);
+    assert_has(page, "| chair | Ours | 0.600 ± 0.141 / 0.710 |");
+    assert_has(strstr(page, "0.600 ± 0.141"), "(size tiny, data from files: 10 steps");
+    assert_has(strstr(page, "from files"), "| chair | Ours | 0.400 / 0.710 |");
+    free(page);
 }
 
 static void test_front_page_is_left(void **state)
@@ -389,6 +426,7 @@ int main(int argc, char **argv)
     assert_int_equal(argc, 2);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_means_and_spread, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_lead_of_one_seed, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_one_seed_has_no_spread, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_who_is_ahead, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_renderers_and_counts, make_folder, remove_folder),
