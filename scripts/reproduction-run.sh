@@ -1,0 +1,219 @@
+# reproduction-run.sh: a run of scripts/reproduce: a training, its tests, and what of them goes to the documents.
+# Sourced by it, whose functions and variables it uses.
+
+# The value of KEY in a JSON file of elf's own making, INDENT spaces deep: the first one.
+value() { sed -n "s/^ \{$3\}\"$2\": \(.*[^,]\),\{0,1\}\$/\1/p" "$1" | sed 1q; }
+logged_value() { sed -n '$s/.*"'"$2"'":\([^,}]*\).*/\1/p' "$1/metrics.jsonl"; }
+config_value() { sed -n "s/^$2 = //p" "$1/config.ini" | sed 1q; }
+
+# Config and keys of a training, into $config and $all_keys: DATA SYSTEM CATEGORY SETTING SEED.
+training_sets() {
+    describe "$2"
+    where=""
+    case $1-$2 in
+    files-renderer* | files-ibrnet)
+        config=render-real
+        [ "$2" != renderer-scalars ] || keys="render.types=0 render.channels=28" ;; # of render-real's parameters
+    files-*)
+        keys="$keys$(few_shapes "$3")"
+        where=" data.category=$(category_folder "$3") data.setting=$4" ;;
+    *-renderer* | *-ibrnet) ;;
+    *) where=" data.category=$3 data.setting=$4" ;;
+    esac
+    keys=${keys# }
+    all_keys="$keys $(size_keys "$2" | tr '\n' ' ')$where train.seed=$5 train.keep=1"
+}
+
+with_sets() { # PROGRAM ARGUMENTS...: run with --set of every word of $all_keys and the paths of $data
+    for word in $all_keys; do set -- "$@" --set "$word"; done
+    case $run_data-$run_system in
+    files-renderer* | files-ibrnet)
+        set -- "$@" --set "data.root=$scenes_at"
+        [ -z "$shapes_at" ] || set -- "$@" --set "data.scene_meshes=$shapes_at" ;;
+    files-*) set -- "$@" --set "data.root=$shapes_at" ;;
+    esac
+    "$@"
+}
+
+# Train into $folder, or go on, unless it is done. Checkpoints, logs and results live there.
+train() {
+    training_sets "$run_data" "$run_system" "$run_category" "$run_setting" "$run_seed"
+    mkdir -p "$folder"
+    settings=$(sed 's/[;#].*//; s/[ \t]*$//; /^$/d' "configs/$config.ini" | cksum)
+    echo "$config ${settings%% *} $all_keys$([ "$run_data" = built-in ] || echo " $data")" >"$folder/arguments.tmp"
+    if [ -e "$folder/arguments" ] && ! cmp -s "$folder/arguments" "$folder/arguments.tmp"; then
+        refuse "$folder: was begun with another config or other keys (see arguments and arguments.tmp there): move it away, or give --out"
+    fi
+    mv "$folder/arguments.tmp" "$folder/arguments"
+    [ ! -e "$folder/trained" ] || return 0
+    if ls "$folder"/checkpoints/step-*.safetensors >/dev/null 2>&1; then
+        logged "$folder/train.log" "$elf_train" --resume "$folder" || return 1
+    else
+        # killed before its first checkpoint: nothing to lose
+        rm -rf "$folder/checkpoints" "$folder/config.ini" "$folder/metrics.jsonl" "$folder/latest" "$folder/best"
+        with_sets logged "$folder/train.log" "$elf_train" "configs/$config.ini" --out "$folder" || return 1
+    fi
+    with_sets logged "$folder/train.log" "$elf_train" "configs/$config.ini" --count --json "$folder/count.json" ||
+        return 1
+    : >"$folder/trained"
+}
+
+# How many shapes or scenes were trained on, as elf-train says it: the last time, if it was resumed.
+trained_on() { sed -n 's/^train: \([0-9]*\) s[hc][a-z]*.*/\1/p' "$folder/train.log" | tail -n 1; }
+
+# The part of a result before its figures: EXPERIMENT CATEGORY TEST-SETTING PIXELS TEST-ITEMS SECONDS-PER-ITEM.
+result_head() {
+    cat <<END
+{
+  "experiment": "$1",
+  "system": "$run_system",
+  "config": "$config",
+  "keys": "$keys",
+  "size": "$size",
+  "size_keys": "$(size_keys "$run_system" | tr '\n' ' ' | sed 's/ $//')",
+  "data": "$run_data",
+  "category": "$2",
+  "train_setting": "$run_setting",
+  "eval_setting": "$3",
+  "seed": $run_seed,
+  "steps": $(logged_value "$folder" step),
+  "pixels": $4,
+  "train_items": $(trained_on),
+  "test_items": $5,
+  "parameters": $(value "$folder/count.json" parameters 2),
+  "train_seconds": $(logged_value "$folder" seconds),
+  "peak_rss_mb": $(logged_value "$folder" peak_rss_mb),
+  "seconds_per_item": $6,
+  "commit": "$commit",
+END
+}
+
+# Evaluate in a setting; the result is the last thing written.
+evaluate_shapes() {
+    result=$folder/result-$1.json report=$folder/report-$1.json
+    [ ! -e "$result" ] || { publish "$result" "$run_category" "$1"; return; }
+    case $size in test) most="--shapes 1" ;; quick) most="--shapes 8" ;; *) most="" ;; esac
+    logged "$folder/eval.log" "$elf_eval" --checkpoint "$folder" --setting "$1" $most --no-baselines \
+        --json "$report" || return 1
+    {
+        result_head reconstruction "$run_category" "$1" "$(config_value "$folder" image_size)" \
+            "$(value "$report" shapes 2)" "$(value "$report" seconds_per_shape 2)"
+        printf '  "figures": {"iou": %s, "chamfer_l1": %s, "empty": %s}\n}\n' "$(value "$report" iou 2)" \
+            "$(value "$report" chamfer_l1 2)" "$(value "$report" empty 2)"
+    } | put_result "$result" || return 1
+    publish "$result" "$run_category" "$1"
+}
+
+# Is the result of a kind there, with LPIPS if its weights are given?
+kind_done() { [ -e "$1" ] && { [ -z "$lpips" ] || ! grep -q '"lpips": null' "$1"; }; }
+
+# The same of a renderer: a result for each kind of scenes. The cells of a table are its kinds.
+evaluate_scenes() {
+    for kind in glossy forward diffuse; do evaluate_kind "$1" || return 1; done
+}
+
+evaluate_kind() { # SETTING; $kind
+    result=$folder/result-$kind-$1.json report=$folder/report-$kind-$1.json
+    if kind_done "$result"; then
+        publish "$result" "$kind" "$1"
+        return
+    fi
+    case $size in test) views=1 scenes=1 ;; quick) views=2 scenes=2 ;; *) views=3 scenes=2 ;; esac
+    where=data.kinds=$kind edge=scene_size
+    if [ "$run_data" = files ]; then where=data.test_scenes=$(scene_of "$kind") scenes=0 edge=longest; fi
+    set -- "$1" --views $views --set "$where" --set data.test_builtin=$scenes --json "$report"
+    [ -z "$lpips" ] || set -- "$@" --lpips-weights "$lpips"
+    logged "$folder/eval.log" "$elf_eval" --checkpoint "$folder" --no-baselines --setting "$@" || return 1
+    {
+        result_head rendering "$kind" "$1" "$(config_value "$folder" $edge)" \
+            "$(value "$report" images 2)" "$(value "$report" seconds 4)"
+        printf '  "figures": {"psnr": %s, "ssim": %s, "lpips": %s, "pixel_variance": %s}\n}\n' \
+            "$(value "$report" psnr 4)" "$(value "$report" ssim 4)" "$(value "$report" lpips 4)" \
+            "$(value "$report" pixel_variance 4)"
+    } | put_result "$result" || return 1
+    publish "$result" "$kind" "$1"
+}
+
+# Copy a result to the documents; results of old have no seconds a test item, but their reports do.
+publish() {
+    to=$docs/reproduction/$size-$run_data-$run_system-$2-$run_setting-$3-$run_seed.json
+    seconds=$(value "$report" seconds_per_shape 2 2>/dev/null)
+    [ -n "$seconds" ] || seconds=$(value "$report" seconds 4 2>/dev/null)
+    awk -v seconds="$seconds" '/"seconds_per_item"/ { told = 1 }
+        /^  "commit"/ && !told && seconds { print "  \"seconds_per_item\": " seconds "," }
+        { print }' "$1" >"$to.tmp" && mv "$to.tmp" "$to"
+}
+
+report() {
+    set -- "$docs/reproduction" --out "$docs/reproduction.md" --quiet
+    [ -z "$readme" ] || set -- "$@" --readme "$readme"
+    "$elf_eval" reproduction "$@"
+}
+
+results_missing() { # how many results of the run whose variables are set are not there
+    missing=0
+    for test in $(echo "$run_tests" | tr , ' '); do
+        case $run_system in
+        renderer* | ibrnet) for kind in glossy forward diffuse; do
+            kind_done "$folder/result-$kind-$test.json" || missing=$((missing + 1))
+        done ;;
+        *) [ -e "$folder/result-$test.json" ] || missing=$((missing + 1)) ;;
+        esac
+    done
+    echo $missing
+}
+
+publish_there() { # what the run has, without running anything
+    for test in $(echo "$run_tests" | tr , ' '); do
+        case $run_system in renderer* | ibrnet) kinds="glossy- forward- diffuse-" ;; *) kinds=none ;; esac
+        for kind in $kinds; do
+            kind=${kind#none}
+            result=$folder/result-$kind$test.json report=$folder/report-$kind$test.json category=${kind%-}
+            [ ! -e "$result" ] || publish "$result" "${category:-$run_category}" "$test"
+        done
+    done
+}
+
+take() { # DATA SYSTEM CATEGORY SETTING TESTS SEED: the variables of a run
+    run_data=$1 run_system=$2 run_category=$3 run_setting=$4 run_tests=$5 run_seed=$6
+    folder=$out/$size/$run_data/$run_system-$run_category-$run_setting-$run_seed
+}
+
+do_run() {
+    train || return 1
+    for test in $(echo "$run_tests" | tr , ' '); do
+        case $run_system in
+        renderer* | ibrnet) evaluate_scenes "$test" || return 1 ;;
+        *) evaluate_shapes "$test" || return 1 ;;
+        esac
+    done
+}
+
+count_models() {
+    mkdir -p "$out/$size/counts"
+    for run_system in equivariant fvor disn without-se2 without-se2-equal-cost max-pool scalars smoothed ibrnet-sdf \
+        ibrnet-sdf-plain ibrnet-sdf-plain-equal-cost renderer ibrnet renderer-wide renderer-without-along-ray \
+        renderer-scalars; do
+        run_data=built-in
+        describe "$run_system"
+        all_keys="$keys $(size_keys "$run_system" | tr '\n' ' ')"
+        count=$out/$size/counts/$run_system.json
+        with_sets logged "$out/$size/counts/log" "$elf_train" "configs/$config.ini" --count --json "$count" || return 1
+        put_result "$docs/reproduction/$size-count-$run_system.json" <<END || return 1
+{
+  "experiment": "count",
+  "system": "$run_system",
+  "config": "$config",
+  "keys": "$keys",
+  "size": "$size",
+  "size_keys": "$(size_keys "$run_system" | tr '\n' ' ' | sed 's/ $//')",
+  "parameters": $(value "$count" parameters 2),
+  "of": $(value "$count" of 4),
+  "flop_forward": $(value "$count" flop_forward 4),
+  "flop": $(value "$count" flop 4),
+  "commit": "$commit"
+}
+END
+    done
+    echo "counted the parameters and operations of every model"
+}
