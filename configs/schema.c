@@ -99,7 +99,7 @@ const lf_key lf_schema[] = {
     INT("data.test_builtin", "0", 0, 100000, "Renderers: unseen built-in scenes to evaluate on."),
     CHOICE("data.kinds", "all", "all|objects|glossy|diffuse|forward",
            "Kinds of built-in scenes: glossy and diffuse objects from all around, forward-facing ones, or some of them in turn."),
-    PATH("data.scene_meshes", "none", "Renderers: folder of meshes to make built-in scenes from: all in it and two folders down, whatever its lists say; none: procedural shapes."),
+    PATH("data.scene_meshes", "none", "Renderers: folder of meshes to make built-in scenes from: all in it and three folders down, whatever its lists say; none: procedural shapes."),
     INT("data.scene_size", "100", 16, 4096, "Pixels along an edge of the pictures of built-in scenes."),
     REAL("data.highlight", "1", 0, 100, "Built-in scenes: strength of the glossy objects' highlights, times the usual."),
     INT("data.longest", "128", 0, 32768,

@@ -249,7 +249,8 @@ static lf_status list_scenes(const lf_scene_set_options *o, list *out, lf_error 
 
 static const char *const mesh_endings[] = {".obj", ".ply", ".off", ".stl", NULL};
 
-/* Meshes of a folder: files in it, <id>/model.obj, and the same one folder deeper. */
+/* Meshes of a folder, <id>/model.obj and <id>/models/model_normalized.obj, and the same of the
+ * folder's categories: depth 3. */
 static void find_meshes(const char *folder, int depth, list *out)
 {
     static const char *const all[] = {"", NULL};
@@ -270,12 +271,12 @@ static lf_status list_meshes(const lf_scene_set_options *o, list *out, lf_error 
 {
     if (!o->meshes || o->builtin == 0)
         return LF_OK;
-    find_meshes(o->meshes, 2, out);
+    find_meshes(o->meshes, 3, out);
     if (out->count)
         return LF_OK;
     return lf_fail(err, LF_BAD_INPUT,
                    "%s: no mesh to make scenes from (data.scene_meshes): looked for .obj, .ply, "
-                   ".off and .stl in it and two folders down",
+                   ".off and .stl in it and three folders down",
                    o->meshes);
 }
 

@@ -71,7 +71,7 @@ static void print_range(range a, FILE *out)
     fputs(" |", out);
 }
 
-/* Over the results of one system, size and data. */
+/* Over the results of one row: one system, its keys, size and data. */
 typedef struct summary {
     range steps, pixels, train, test, seed, parameters;
     int trainings;
@@ -97,8 +97,11 @@ static bool new_training(const lf_results *r, long i)
 
 static void add_commit(summary *s, const char *commit)
 {
-    const size_t used = strlen(s->commits);
-    if (!strstr(s->commits, commit))
+    const size_t used = strlen(s->commits), length = strlen(commit);
+    bool there = false; /* as a whole item: abc is none of abc-changed */
+    for (const char *at = s->commits; (at = strstr(at, commit)) && !there; at += length)
+        there = (at == s->commits || at[-1] == ' ') && (at[length] == ',' || at[length] == 0);
+    if (!there)
         snprintf(s->commits + used, sizeof s->commits - used, "%s%s", used ? ", " : "", commit);
 }
 

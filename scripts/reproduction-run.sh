@@ -9,19 +9,20 @@ config_value() { sed -n "s/^$2 = //p" "$1/config.ini" | sed 1q; }
 # Config and keys of a training, into $config and $all_keys: DATA SYSTEM CATEGORY SETTING SEED.
 training_sets() {
     describe "$2"
-    where=""
+    where="" added=""
     case $1-$2 in
     files-renderer* | files-ibrnet)
         config=render-real
         [ "$2" != renderer-scalars ] || keys="render.types=0 render.channels=28" ;; # of render-real's parameters
     files-*)
-        keys="$keys$(few_shapes "$3")"
-        where=" data.category=$(category_folder "$3") data.setting=$4" ;;
+        added=$(few_shapes "$3")
+        where=" data.category=$(category_folder "$3") data.setting=$4$added" ;;
     *-renderer* | *-ibrnet) ;;
     *) where=" data.category=$3 data.setting=$4" ;;
     esac
-    keys=${keys# }
     all_keys="$keys $(size_keys "$2" | tr '\n' ' ')$where train.seed=$5 train.keep=1"
+    keys=$keys$added # what a result says
+    keys=${keys# }
 }
 
 with_sets() { # PROGRAM ARGUMENTS...: run with --set of every word of $all_keys and the paths of $data
@@ -42,7 +43,8 @@ train() {
     settings=$(sed 's/[;#].*//; s/[ \t]*$//; /^$/d' "configs/$config.ini" | cksum)
     echo "$config ${settings%% *} $all_keys$([ "$run_data" = built-in ] || echo " $data")" >"$folder/arguments.tmp"
     if [ -e "$folder/arguments" ] && ! cmp -s "$folder/arguments" "$folder/arguments.tmp"; then
-        refuse "$folder: was begun with another config or other keys (see arguments and arguments.tmp there): move it away, or give --out"
+        refuse "$folder: was begun with another config or other keys (see arguments and arguments.tmp there):" \
+            "move it away, or give --out"
     fi
     mv "$folder/arguments.tmp" "$folder/arguments"
     [ ! -e "$folder/trained" ] || return 0

@@ -19,7 +19,9 @@ describe() {
     renderer) config=render-tiny ;;
     ibrnet) config=render-tiny keys="model.type=ibrnet" ;;
     renderer-without-along-ray) config=render-tiny keys="render.along_ray=false" ;;
-    renderer-scalars) config=render-tiny keys="render.types=0 render.scalars=0 render.channels=24" ;; # of about equal parameters
+    renderer-scalars) # of about equal parameters
+        config=render-tiny
+        keys="render.types=0 render.scalars=0 render.channels=24" ;;
     renderer-wide) config=render-tiny keys="render.channels=8 render.scalars=32" ;; # of all types
     esac
 }
@@ -54,7 +56,8 @@ size_keys() {
 }
 
 # Widths of the larger sizes. small: the equivariant network and its ablations twice as wide, so that what matches
-# stays matched, and the others about so; paper: the published widths, where the paper or the compared systems' papers say them.
+# stays matched, and the others about so; paper: the published widths, where the paper or the compared systems' papers
+# say them.
 widths() {
     case $size-$1 in
     small-*) echo train.steps=30000 data.image_size=129 data.shapes=2000 data.cache_mb=8000 ;;

@@ -111,16 +111,20 @@ expect 2 'begun with another config or other keys' reproduce
 
 ### Renderers, and shapes of --data: the results of a first training, in folders with spaces
 
-# first RESULTS ARGUMENTS...: run until there are so many results, stop
+# first RESULTS ARGUMENTS...: run until so many results are in the documents, stop
 first() {
     local wanted=$1
     shift
+    rm -rf "some docs"
     "$script" --size test --out "$here/some runs" --docs "$here/some docs" "$@" >out 2>err &
     pid=$!
-    for _ in $(seq 1200); do [ "$(results "some runs")" -ge "$wanted" ] && break; sleep 0.05; done
+    for _ in $(seq 1200); do
+        [ "$(find "some docs" -name 'test-*.json' 2>/dev/null | wc -l)" -ge "$wanted" ] && break
+        kill -0 $pid 2>/dev/null || break
+        sleep 0.05
+    done
     kill -TERM $pid
     wait $pid
-    [ "$(results "some runs")" -ge "$wanted" ] || fail "less than $wanted results: $*"
 }
 first 6 --only rendering
 for kind in glossy forward diffuse; do
@@ -130,13 +134,19 @@ for kind in glossy forward diffuse; do
             "$result" || fail "$result: not there, or not its figures"
     done
 done
-# results without LPIPS are tested again once there are weights for it: here a file that holds none
-expect 2 'front.md' "$script" --size test --only rendering --out "some runs" --docs "some docs" --lpips-weights front.md
+# a file that is no weights of LPIPS is refused before any work
+with_weights() { "$script" --size test --only rendering --out "some runs" --docs "some docs" --lpips-weights front.md; }
+expect 2 'front.md' with_weights
+grep -q ' done before' out && fail "wrong weights are not refused first"
+# results without LPIPS are tested again once there are weights: here of an elf-eval that does not look at them first
+mkdir -p weights/train weights/eval && ln -s "$train" weights/train/elf-train
+printf '#!/bin/sh\n[ "$1" = compare-images ] || exec "%s" "$@"\n' "$eval" >weights/eval/elf-eval && chmod +x weights/eval/elf-eval
+ELF_BUILD=$here/weights expect 2 '5 runs, 0 done before' with_weights
+grep -q 'front.md' err || fail "the weights are not used"
 mkdir -p "some data/shapes/chair"
 for i in 1 2 3 4 5 6 7 8 9 10 11 12; do
     printf 'OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 %d\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n' $i >"some data/shapes/chair/$i.off"
 done
-rm -r "some runs"
 first 1 --only ibrnet-sdf --data "some data"
 result="some docs/reproduction/test-files-equivariant-chair-Y-Y-0.json"
 grep -q '"keys": "data.extra_builtin=1"' "$result" || fail "$result does not say that built-in chairs were added"
@@ -166,6 +176,7 @@ for given in data data/scenes; do
 done
 expect 0 'has no shapes: built-in ones instead' "$script" --data data/scenes --list
 expect 2 'weights .*none: no such file' "$script" --lpips-weights none
+expect 2 'data: takes a folder' "$script" --data "" --list
 expect 0 'table1' "$script" --help
 expect 2 '\-\-only table9' "$script" --only table9
 expect 2 '\-\-seeds 0' "$script" --seeds 0
