@@ -514,6 +514,26 @@ static void no_meshes(void **state)
     expect_refused(&o, "data.scene_meshes");
 }
 
+/* A folder of categories as ShapeNet has them: <category>/<id>/models/model_normalized.obj. */
+static void meshes_of_categories(void **state)
+{
+    static const char *const below[] = {"shapes", "shapes/03001627", "shapes/03001627/a",
+                                        "shapes/03001627/a/models"};
+    char path[512];
+    for (size_t i = 0; i < sizeof below / sizeof *below; i++)
+        assert_int_equal(mkdir(place(state, below[i], path), 0777), 0);
+    FILE *file = fopen(place(state, "shapes/03001627/a/models/model_normalized.obj", path), "w");
+    assert_non_null(file);
+    fputs("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n", file);
+    assert_int_equal(fclose(file), 0);
+    lf_scene_set_options o = usual();
+    o.builtin = 1;
+    o.meshes = place(state, "shapes", path);
+    lf_scene_set *set = open_set(&o);
+    assert_int_equal(set->count, 1);
+    lf_scene_set_close(set);
+}
+
 /* A name longer than any path is a message, not a crash. */
 static void a_name_too_long(void **state)
 {
@@ -546,6 +566,7 @@ int main(void)
         cmocka_unit_test(too_few_views),
         cmocka_unit_test(nothing_between_near_and_far),
         cmocka_unit_test(no_meshes),
+        cmocka_unit_test(meshes_of_categories),
         cmocka_unit_test(a_name_too_long),
     };
     return cmocka_run_group_tests(tests, set_up_scenes, tear_down);
