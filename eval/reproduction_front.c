@@ -85,7 +85,8 @@ static long results_of(const lf_results *r, const front *f, const json_t *table,
 
 static int worth(const char *size)
 {
-    return lf_size_rank(size) % 4 + 1 + (lf_size_rank(size) < 4); /* an unknown size: 1 */
+    const int rank = lf_size_rank(size);
+    return rank < 4 ? rank + 2 : 1; /* an unknown size least */
 }
 
 /* What the largest size with results of the table is worth; 0: there are none. */

@@ -115,8 +115,8 @@ static void print_leads(const lf_results *r, const json_t *table, const lf_group
                     "\n**%s** above the others in %s: difference of the means, elf / the paper; ± "
                     "is the root of the sum\nof both variances; bold: of the other sign than the "
                     "paper's, and beyond ±;\nwithout ± (one seed) beyond what two trainings that "
-                    "differ in "
-                    "rounding alone were seen to\ndiffer by: 0.03 iou, 0.5 dB.\n\n| | above |",
+                    "differ in rounding alone were seen to\ndiffer by: 0.03 iou, 0.5 dB.\n\n| | "
+                    "above |",
                     lf_text_of(reference_of(table, row), "label"),
                     lf_result_figure[first_figure(table)]);
             lf_print_settings(table, out);
