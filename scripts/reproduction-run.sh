@@ -63,7 +63,7 @@ train() {
 # How many shapes or scenes were trained on, as elf-train says it: the last time, if it was resumed.
 trained_on() { sed -n 's/^train: \([0-9]*\) s[hc][a-z]*.*/\1/p' "$folder/train.log" | tail -n 1; }
 
-# The part of a result before its figures: EXPERIMENT CATEGORY TEST-SETTING PIXELS TEST-ITEMS SECONDS-PER-ITEM.
+# The part of a result before its figures: EXPERIMENT PIXELS TEST-ITEMS SECONDS-PER-ITEM.
 result_head() {
     cat <<END
 {
@@ -74,76 +74,78 @@ result_head() {
   "size": "$size",
   "size_keys": "$(size_keys "$run_system" | tr '\n' ' ' | sed 's/ $//')",
   "data": "$run_data",
-  "category": "$2",
+  "category": "$result_category",
   "train_setting": "$run_setting",
-  "eval_setting": "$3",
+  "eval_setting": "$result_setting",
   "seed": $run_seed,
   "steps": $(logged_value "$folder" step),
-  "pixels": $4,
+  "pixels": $2,
   "train_items": $(trained_on),
-  "test_items": $5,
+  "test_items": $3,
   "parameters": $(value "$folder/count.json" parameters 2),
   "train_seconds": $(logged_value "$folder" seconds),
   "peak_rss_mb": $(logged_value "$folder" peak_rss_mb),
-  "seconds_per_item": $6,
+  "seconds_per_item": $4,
   "commit": "$commit",
 END
 }
 
-# Evaluate in a setting; the result is the last thing written.
+# The results of the run, a word each: NAME:CATEGORY:SETTING, of result-NAME.json. A renderer has one for each kind of
+# scenes, and the categories of its tables are the kinds.
+results() {
+    for setting in $(echo "$run_tests" | tr , ' '); do
+        case $run_system in
+        renderer* | ibrnet) for kind in glossy forward diffuse; do echo "$kind-$setting:$kind:$setting"; done ;;
+        *) echo "$setting:$run_category:$setting" ;;
+        esac
+    done
+}
+
+take_result() { # a word of results: the variables of a result
+    result_name=${1%%:*} result_category=${1#*:} result_setting=${1##*:}
+    result_category=${result_category%:*}
+    result=$folder/result-$result_name.json report=$folder/report-$result_name.json
+}
+
+# Is the result there, with LPIPS if its weights are given?
+result_done() { [ -e "$result" ] && { [ -z "$lpips" ] || ! grep -q '"lpips": null' "$result"; }; }
+
+# Evaluate; the result is the last thing written.
 evaluate_shapes() {
-    result=$folder/result-$1.json report=$folder/report-$1.json
-    [ ! -e "$result" ] || { publish "$result" "$run_category" "$1"; return; }
     case $size in test) most="--shapes 1" ;; quick) most="--shapes 8" ;; *) most="" ;; esac
-    logged "$folder/eval.log" "$elf_eval" --checkpoint "$folder" --setting "$1" $most --no-baselines \
+    logged "$folder/eval.log" "$elf_eval" --checkpoint "$folder" --setting "$result_setting" $most --no-baselines \
         --json "$report" || return 1
     {
-        result_head reconstruction "$run_category" "$1" "$(config_value "$folder" image_size)" \
+        result_head reconstruction "$(config_value "$folder" image_size)" \
             "$(value "$report" shapes 2)" "$(value "$report" seconds_per_shape 2)"
         printf '  "figures": {"iou": %s, "chamfer_l1": %s, "empty": %s}\n}\n' "$(value "$report" iou 2)" \
             "$(value "$report" chamfer_l1 2)" "$(value "$report" empty 2)"
-    } | put_result "$result" || return 1
-    publish "$result" "$run_category" "$1"
+    } | put_result "$result"
 }
 
-# Is the result of a kind there, with LPIPS if its weights are given?
-kind_done() { [ -e "$1" ] && { [ -z "$lpips" ] || ! grep -q '"lpips": null' "$1"; }; }
-
-# The same of a renderer: a result for each kind of scenes. The cells of a table are its kinds.
 evaluate_scenes() {
-    for kind in glossy forward diffuse; do evaluate_kind "$1" || return 1; done
-}
-
-evaluate_kind() { # SETTING; $kind
-    result=$folder/result-$kind-$1.json report=$folder/report-$kind-$1.json
-    if kind_done "$result"; then
-        publish "$result" "$kind" "$1"
-        return
-    fi
     case $size in test) views=1 scenes=1 ;; quick) views=2 scenes=2 ;; *) views=3 scenes=2 ;; esac
-    where=data.kinds=$kind edge=scene_size
-    if [ "$run_data" = files ]; then where=data.test_scenes=$(scene_of "$kind") scenes=0 edge=longest; fi
-    set -- "$1" --views $views --set "$where" --set data.test_builtin=$scenes --json "$report"
+    where=data.kinds=$result_category edge=scene_size
+    if [ "$run_data" = files ]; then where=data.test_scenes=$(scene_of "$result_category") scenes=0 edge=longest; fi
+    set -- --setting "$result_setting" --views $views --set "$where" --set data.test_builtin=$scenes --json "$report"
     [ -z "$lpips" ] || set -- "$@" --lpips-weights "$lpips"
-    logged "$folder/eval.log" "$elf_eval" --checkpoint "$folder" --no-baselines --setting "$@" || return 1
+    logged "$folder/eval.log" "$elf_eval" --checkpoint "$folder" --no-baselines "$@" || return 1
     {
-        result_head rendering "$kind" "$1" "$(config_value "$folder" $edge)" \
-            "$(value "$report" images 2)" "$(value "$report" seconds 4)"
+        result_head rendering "$(config_value "$folder" $edge)" "$(value "$report" images 2)" "$(value "$report" seconds 4)"
         printf '  "figures": {"psnr": %s, "ssim": %s, "lpips": %s, "pixel_variance": %s}\n}\n' \
             "$(value "$report" psnr 4)" "$(value "$report" ssim 4)" "$(value "$report" lpips 4)" \
             "$(value "$report" pixel_variance 4)"
-    } | put_result "$result" || return 1
-    publish "$result" "$kind" "$1"
+    } | put_result "$result"
 }
 
-# Copy a result to the documents; results of old have no seconds a test item, but their reports do.
+# Copy the result to the documents; results of old have no seconds a test item, but their reports do.
 publish() {
-    to=$docs/reproduction/$size-$run_data-$run_system-$2-$run_setting-$3-$run_seed.json
+    to=$docs/reproduction/$size-$run_data-$run_system-$result_category-$run_setting-$result_setting-$run_seed.json
     seconds=$(value "$report" seconds_per_shape 2 2>/dev/null)
     [ -n "$seconds" ] || seconds=$(value "$report" seconds 4 2>/dev/null)
     awk -v seconds="$seconds" '/"seconds_per_item"/ { told = 1 }
         /^  "commit"/ && !told && seconds { print "  \"seconds_per_item\": " seconds "," }
-        { print }' "$1" >"$to.tmp" && mv "$to.tmp" "$to"
+        { print }' "$result" >"$to.tmp" && mv "$to.tmp" "$to"
 }
 
 report() {
@@ -152,27 +154,19 @@ report() {
     "$elf_eval" reproduction "$@"
 }
 
-results_missing() { # how many results of the run whose variables are set are not there
+results_missing() { # how many results of the run are not there
     missing=0
-    for test in $(echo "$run_tests" | tr , ' '); do
-        case $run_system in
-        renderer* | ibrnet) for kind in glossy forward diffuse; do
-            kind_done "$folder/result-$kind-$test.json" || missing=$((missing + 1))
-        done ;;
-        *) [ -e "$folder/result-$test.json" ] || missing=$((missing + 1)) ;;
-        esac
+    for word in $(results); do
+        take_result "$word"
+        result_done || missing=$((missing + 1))
     done
     echo $missing
 }
 
 publish_there() { # what the run has, without running anything
-    for test in $(echo "$run_tests" | tr , ' '); do
-        case $run_system in renderer* | ibrnet) kinds="glossy- forward- diffuse-" ;; *) kinds=none ;; esac
-        for kind in $kinds; do
-            kind=${kind#none}
-            result=$folder/result-$kind$test.json report=$folder/report-$kind$test.json category=${kind%-}
-            [ ! -e "$result" ] || publish "$result" "${category:-$run_category}" "$test"
-        done
+    for word in $(results); do
+        take_result "$word"
+        [ ! -e "$result" ] || publish
     done
 }
 
@@ -183,11 +177,15 @@ take() { # DATA SYSTEM CATEGORY SETTING TESTS SEED: the variables of a run
 
 do_run() {
     train || return 1
-    for test in $(echo "$run_tests" | tr , ' '); do
-        case $run_system in
-        renderer* | ibrnet) evaluate_scenes "$test" || return 1 ;;
-        *) evaluate_shapes "$test" || return 1 ;;
-        esac
+    for word in $(results); do
+        take_result "$word"
+        if ! result_done; then
+            case $run_system in
+            renderer* | ibrnet) evaluate_scenes || return 1 ;;
+            *) evaluate_shapes || return 1 ;;
+            esac
+        fi
+        publish
     done
 }
 
