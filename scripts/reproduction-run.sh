@@ -185,7 +185,7 @@ do_run() {
             *) evaluate_shapes || return 1 ;;
             esac
         fi
-        publish
+        publish || return 1
     done
 }
 
